@@ -1,0 +1,44 @@
+"""Reinforcement learning for robots that diagnose their damage and adapt to it.
+
+Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``dappo_batch/Hexapod-v0``.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from dappo_batch._core import (
+    CheckpointError,
+    ConfigError,
+    DamageClass,
+    DamageSpace,
+    DappoError,
+    ShapeError,
+    SimulationError,
+)
+from dappo_batch.class_table import ClassTable, compile_class_table
+from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
+from dappo_batch.robots import ROBOTS, Robot, load_robot
+
+__all__ = [
+    "ROBOTS",
+    "CheckpointError",
+    "ClassTable",
+    "ConfigError",
+    "DamageClass",
+    "DamageEnv",
+    "DamageSpace",
+    "DamageVectorEnv",
+    "DappoError",
+    "Robot",
+    "ShapeError",
+    "SimulationError",
+    "__version__",
+    "compile_class_table",
+    "load_robot",
+    "make_vec",
+]
+
+__version__ = version("dappo-batch")
+
+register_envs()

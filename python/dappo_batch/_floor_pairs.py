@@ -1,0 +1,156 @@
+"""Explicit floor contacts: the same physics as the MJCF's own contacts, found with less work.
+
+A robot that can touch nothing but the world needs no broad phase. Its contacts are written down as pairs of
+geoms instead, together with the parameters which MuJoCo would mix for them.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import mujoco
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["make_floor_contacts_explicit"]
+
+
+class _ContactParameters(NamedTuple):
+    """Parameters of one geom that take part in mixing."""
+
+    condim: int
+    priority: int
+    margin: float
+    solmix: float
+    friction: tuple[float, ...]
+    solref: tuple[float, ...]
+    solimp: tuple[float, ...]
+
+
+class _Mixed(NamedTuple):
+    """Parameters of the contact of two geoms."""
+
+    condim: int
+    margin: float
+    friction: tuple[float, ...]
+    solref: tuple[float, ...]
+    solimp: tuple[float, ...]
+
+
+def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
+    """Replace contacts found by geometry by explicit pairs, where that changes nothing but the speed.
+
+    It is done only if every possible contact is one between the world and the robot. A robot whose contact
+    masks allow it to touch itself keeps its contacts, and so does one whose MJCF already lists pairs or
+    exclusions or uses a feature of contacts that pairs cannot express.
+
+    With a single kinematic tree, MuJoCo's search for constraint islands can find only one island or none, so it
+    is switched off too.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+        The robot, edited in place. Unnamed geoms receive names.
+
+    Returns
+    -------
+    bool
+        Whether the contacts were replaced.
+    """
+    enabled = spec.option.enableflags
+    special = mujoco.mjtEnableBit.mjENBL_OVERRIDE | mujoco.mjtEnableBit.mjENBL_SLEEP
+    if enabled & special or spec.pairs or spec.excludes or spec.flexes:
+        return False
+    world = [geom for geom in spec.geoms if _is_static(geom.parent)]
+    robot = [geom for geom in spec.geoms if not _is_static(geom.parent)]
+    if any(map(_is_special, spec.geoms)) or _touches_itself(robot):
+        return False
+
+    contacts = [(a, b) for a in world for b in robot if _masks_match(a, b)]
+    for index, geom in enumerate(spec.geoms):
+        geom.name = geom.name or f"geom {index}"
+    for a, b in contacts:
+        mixed = _mix(_parameters(a), _parameters(b))
+        pair = spec.add_pair(
+            geomname1=a.name, geomname2=b.name, condim=mixed.condim, margin=mixed.margin, gap=0.0
+        )
+        pair.friction = mixed.friction
+        pair.solref = mixed.solref
+        pair.solimp = mixed.solimp
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    if sum(_is_root(body) for body in spec.bodies) == 1:
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    return True
+
+
+def _is_static(body: mujoco.MjsBody) -> bool:
+    """Return whether a body cannot move: neither it nor any body above it has a joint."""
+    while body.name != "world":
+        if body.joints:
+            return False
+        body = body.parent
+    return True
+
+
+def _is_root(body: mujoco.MjsBody) -> bool:
+    """Return whether a body can move and none above it can: each such body begins a kinematic tree."""
+    return not _is_static(body) and _is_static(body.parent)
+
+
+def _is_special(geom: mujoco.MjsGeom) -> bool:
+    """Return whether a geom has a contact parameter that this module does not mix."""
+    return any(np.any(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
+
+
+def _masks_match(a: mujoco.MjsGeom, b: mujoco.MjsGeom) -> bool:
+    return bool(a.contype & b.conaffinity or b.contype & a.conaffinity)
+
+
+def _touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:
+    # Masks are numbers, so a set of them is small however many geoms there are.
+    masks = {(geom.contype, geom.conaffinity) for geom in geoms}
+    return any(a[0] & b[1] for a in masks for b in masks)
+
+
+def _parameters(geom: mujoco.MjsGeom) -> _ContactParameters:
+    return _ContactParameters(
+        condim=int(geom.condim),
+        priority=int(geom.priority),
+        margin=float(geom.margin),
+        solmix=float(geom.solmix),
+        friction=tuple(geom.friction.tolist()),
+        solref=tuple(geom.solref.tolist()),
+        solimp=tuple(geom.solimp.tolist()),
+    )
+
+
+@lru_cache(maxsize=256)
+def _mix(a: _ContactParameters, b: _ContactParameters) -> _Mixed:
+    """Return what MuJoCo makes of two geoms' parameters, by letting them touch.
+
+    The rules (priority, weights, sums, maxima) belong to MuJoCo and may change. A ball that lies in a plane
+    shows those of the version at hand.
+    """
+    spec = mujoco.MjSpec()
+    plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+    body = spec.worldbody.add_body(pos=[0, 0, 0.5])
+    body.add_freejoint()
+    ball = body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1, 0, 0])
+    for geom, parameters in ((plane, a), (ball, b)):
+        for key, value in parameters._asdict().items():
+            setattr(geom, key, value)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    contact = data.contact[0]
+    return _Mixed(
+        condim=int(contact.dim),
+        margin=float(contact.includemargin),
+        friction=tuple(contact.friction.tolist()),
+        solref=tuple(contact.solref.tolist()),
+        solimp=tuple(contact.solimp.tolist()),
+    )

@@ -1,0 +1,261 @@
+"""The class table: one compiled MuJoCo model per damage class of a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import mujoco
+
+from dappo_batch._core import ConfigError, DamageSpace, DappoError
+from dappo_batch._floor_pairs import make_floor_contacts_explicit
+from dappo_batch.damage import DamageType, make_damage_type
+from dappo_batch.robots import Limb, Robot, load_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from dappo_batch._core import DamageClass
+
+__all__ = ["ClassTable", "ClassTableError", "compile_class_table"]
+
+_INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
+
+# Sizes of texts: damage may rename things, and neither states nor the simulation depend on it.
+_TEXT_SIZES = {"nnames", "nnames_map", "npaths", "ntextdata", "nbuffer"}
+
+
+class ClassTableError(DappoError):
+    """A damage class does not compile, or its model has other sizes than the healthy one."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClassTable:
+    """A robot with one compiled model per damage class.
+
+    All models have equal sizes, so a state or an ``mujoco.MjData`` of one class fits every other.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot.
+    space : DamageSpace
+        The damage classes; a class id is an index into `models` and `muted_touch`.
+    severity : float
+        Severity of all damage, in (0, 1].
+    models : tuple of mujoco.MjModel
+        One model per class, [D].
+    muted_touch : tuple of tuple of int
+        Per class, the limbs whose touch signal reads 0.
+    limb_bodies : tuple of tuple of int
+        Per limb, the ids of its bodies.
+    touch_addresses : tuple of int
+        Per limb, the index of its touch signal in ``sensordata``; empty if the robot has no touch sensors.
+    main_body : int
+        Id of the body whose x position gives the forward velocity.
+    """
+
+    robot: Robot
+    space: DamageSpace
+    severity: float
+    models: tuple[mujoco.MjModel, ...]
+    muted_touch: tuple[tuple[int, ...], ...]
+    limb_bodies: tuple[tuple[int, ...], ...]
+    touch_addresses: tuple[int, ...]
+    main_body: int
+
+    def worker_data(self, count: int) -> list[mujoco.MjData]:
+        """Return `count` new ``mujoco.MjData``, each of which fits every class."""
+        return [mujoco.MjData(self.models[0]) for _ in range(count)]
+
+
+def compile_class_table(
+    robot: Robot | str | Path,
+    *,
+    types: Sequence[str] | None = None,
+    max_damaged_limbs: int | None = None,
+    severity: float = 1.0,
+    physics: Literal["rk4", "euler"] | None = None,
+    damage_options: Mapping[str, Mapping[str, Any]] | None = None,
+) -> ClassTable:
+    """Compile one model per damage class of a robot.
+
+    Every class is an edit of the MJCF that goes through MuJoCo's compiler, so that masses, inertias and all
+    other derived numbers belong together. Floor contacts are written down as explicit pairs where that changes
+    nothing but the speed.
+
+    Parameters
+    ----------
+    robot : Robot, str or pathlib.Path
+        A robot, a robot's name, or the path of a robot TOML.
+    types : sequence of str, optional
+        Names of damage types, in the order of enumeration; by default those of the robot TOML.
+    max_damaged_limbs : int, optional
+        Largest number of limbs damaged at once; by default that of the robot TOML.
+    severity : float, optional
+        In (0, 1]; 1 is the full damage of the robot TOML.
+    physics : {"rk4", "euler"}, optional
+        Integrator to use instead of the MJCF's. For the Ant, ``"euler"`` takes a quarter of the time of its
+        own RK4, but it is another physics: results of the two cannot be compared.
+    damage_options : mapping, optional
+        Parameters by damage type; they take precedence over those of the robot TOML.
+
+    Returns
+    -------
+    ClassTable
+        The compiled classes.
+
+    Raises
+    ------
+    ConfigError
+        If the robot or a parameter is wrong.
+    ClassTableError
+        If a class does not compile, or its arrays have other sizes than those of the healthy robot.
+    """
+    if not isinstance(robot, Robot):
+        robot = load_robot(robot)
+    if not 0.0 < severity <= 1.0:
+        raise ConfigError(f"severity must be above 0 and at most 1, got {severity}")
+    names = list(robot.damage_types if types is None else types)
+    kinds = _damage_types(robot, names, damage_options or {})
+    limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
+    space = DamageSpace(len(robot.limbs), names, limit)
+
+    base = _read_mjcf(robot, physics)
+    models = tuple(_compile_class(base, robot, item, kinds, severity) for item in space.classes)
+    healthy = models[0]
+    sizes = _sizes(healthy)
+    for damage_class, model in zip(space.classes, models, strict=True):
+        _check_sizes(robot, damage_class, sizes, _sizes(model))
+    return ClassTable(
+        robot=robot,
+        space=space,
+        severity=float(severity),
+        models=models,
+        muted_touch=tuple(
+            tuple(limb for limb, name in item.damages if kinds[name].mutes_touch) for item in space.classes
+        ),
+        limb_bodies=_limb_bodies(robot, healthy),
+        touch_addresses=_touch_addresses(robot, healthy),
+        main_body=_find(healthy, mujoco.mjtObj.mjOBJ_BODY, robot.main_body, f"{robot.name}: main_body"),
+    )
+
+
+def _damage_types(
+    robot: Robot, names: Sequence[str], options: Mapping[str, Mapping[str, Any]]
+) -> dict[str, DamageType]:
+    if len(set(names)) < len(names):
+        raise ConfigError(f"damage types must differ, got {', '.join(names)}")
+    if unused := options.keys() - set(names):
+        raise ConfigError(
+            f"damage_options names {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
+        )
+    return {
+        name: make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
+        for name in names
+    }
+
+
+def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    except ValueError as error:
+        raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
+    if physics is not None:
+        if physics not in _INTEGRATORS:
+            raise ConfigError(f"physics must be one of {', '.join(_INTEGRATORS)}, got {physics!r}")
+        spec.option.integrator = _INTEGRATORS[physics]
+    return spec
+
+
+def _compile_class(
+    base: mujoco.MjSpec,
+    robot: Robot,
+    damage_class: DamageClass,
+    kinds: Mapping[str, DamageType],
+    severity: float,
+) -> mujoco.MjModel:
+    spec = base.copy()
+    for limb, name in damage_class.damages:
+        kinds[name].apply(spec, robot.limbs[limb], severity)
+    # After the damage, not once for all classes: damage may change what contacts are mixed from.
+    make_floor_contacts_explicit(spec)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ClassTableError(
+            f"robot {robot.name}: damage class {damage_class.name} does not compile: {error}"
+        ) from error
+
+
+def _sizes(model: mujoco.MjModel) -> dict[str, int]:
+    """Return all array sizes of a model by their MuJoCo names."""
+    names = (name for name in dir(model) if name.startswith("n") and name not in _TEXT_SIZES)
+    values = ((name, getattr(model, name)) for name in names)
+    return {name: value for name, value in values if isinstance(value, int)}
+
+
+def _check_sizes(
+    robot: Robot, damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]
+) -> None:
+    different = [
+        f"{name} is {got[name]} instead of {size}" for name, size in expected.items() if got[name] != size
+    ]
+    if different:
+        raise ClassTableError(
+            f"robot {robot.name}: damage class {damage_class.name} has other sizes than the healthy robot:"
+            f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts of the model"
+        )
+
+
+def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> int:
+    index = int(mujoco.mj_name2id(model, kind, name))
+    if index < 0:
+        raise ConfigError(f"{what}: the MJCF has no {kind.name.removeprefix('mjOBJ_').lower()} {name!r}")
+    return index
+
+
+def _limb_bodies(robot: Robot, model: mujoco.MjModel) -> tuple[tuple[int, ...], ...]:
+    """Return the bodies of each limb, and check that its joints and its toe belong to them."""
+    owner: dict[int, Limb] = {}
+    limbs: list[tuple[int, ...]] = []
+    for limb in robot.limbs:
+        what = f"{robot.name}: limb {limb.name}"
+        bodies = [_find(model, mujoco.mjtObj.mjOBJ_BODY, limb.body, what)]
+        # A body's parent has a smaller id, so one pass in the order of ids meets parents first.
+        bodies += [body for body in range(bodies[0] + 1, model.nbody) if _is_below(model, body, bodies[0])]
+        for body in bodies:
+            if body in owner:
+                raise ConfigError(
+                    f"{what}: body {model.body(body).name} belongs to limb {owner[body].name} already"
+                )
+            owner[body] = limb
+        parts = [(name, model.jnt_bodyid, mujoco.mjtObj.mjOBJ_JOINT) for name in limb.joints]
+        parts.append((limb.toe_geom, model.geom_bodyid, mujoco.mjtObj.mjOBJ_GEOM))
+        if limb.touch_site is not None:
+            parts.append((limb.touch_site, model.site_bodyid, mujoco.mjtObj.mjOBJ_SITE))
+        for name, body_ids, kind in parts:
+            if int(body_ids[_find(model, kind, name, what)]) not in bodies:
+                raise ConfigError(f"{what}: {name} is not part of body {limb.body} or of a body below it")
+        limbs.append(tuple(bodies))
+    return tuple(limbs)
+
+
+def _is_below(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
+    while body > ancestor:
+        body = int(model.body_parentid[body])
+    return body == ancestor
+
+
+def _touch_addresses(robot: Robot, model: mujoco.MjModel) -> tuple[int, ...]:
+    names = [limb.touch for limb in robot.limbs if limb.touch is not None]
+    if not names:
+        return ()
+    if len(names) < len(robot.limbs):
+        raise ConfigError(f"{robot.name}: either every limb has a touch sensor or none has one")
+    ids = [_find(model, mujoco.mjtObj.mjOBJ_SENSOR, name, f"{robot.name}: touch") for name in names]
+    for name, index in zip(names, ids, strict=True):
+        if model.sensor_type[index] != mujoco.mjtSensor.mjSENS_TOUCH:
+            raise ConfigError(f"{robot.name}: sensor {name} is not a touch sensor")
+    return tuple(int(model.sensor_adr[index]) for index in ids)

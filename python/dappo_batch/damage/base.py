@@ -1,0 +1,49 @@
+"""What every damage type has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from dappo_batch.robots import Limb
+
+__all__ = ["DamageType"]
+
+
+class DamageType(ABC):
+    """One way in which a limb can break: an edit of the MJCF before it is compiled.
+
+    A damage type never touches a compiled model: masses, inertias, bounding volumes and inverse weights depend
+    on each other, and only MuJoCo's compiler derives all of them.
+
+    A concrete type is a frozen dataclass. Its fields are the entries of the table ``[damage.<name>]`` in a
+    robot TOML; it checks their values in ``__post_init__``.
+    """
+
+    name: ClassVar[str]
+    """Name of the type in robot TOMLs, class names and damage specs."""
+
+    mutes_touch: ClassVar[bool] = False
+    """Whether the touch signal of a damaged limb reads 0."""
+
+    @abstractmethod
+    def apply(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> None:
+        """Damage one limb.
+
+        Parameters
+        ----------
+        spec : mujoco.MjSpec
+            The robot, edited in place. No array of the compiled model may change its size.
+        limb : Limb
+            The limb to damage. Limbs are damaged one after the other, so only its own parts may change.
+        severity : float
+            In (0, 1]: 0 would be healthy, 1 is the full damage.
+
+        Raises
+        ------
+        ConfigError
+            If the limb cannot be damaged in this way.
+        """

@@ -1,0 +1,245 @@
+"""What a user may pass to the environments: checks, conversions and the messages when it does not fit."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch._core import ConfigError, DamageSpace, ShapeError
+
+DamageSpec: TypeAlias = int | str
+"""A class id or a spec string such as ``"jammed_joint@0+missing_toe@2"``."""
+
+Damage: TypeAlias = DamageSpec | Sequence[DamageSpec] | Mapping[str | int, float] | NDArray[Any]
+"""``"uniform"``, one class, several classes, class → weight, or one weight per class."""
+
+Seed: TypeAlias = int | Sequence[int | None] | None
+
+DRAW = -1
+"""In arrays of class ids or onsets: let the environment draw this one itself."""
+
+KEY_LIMIT = 2**64  # random streams are keyed by unsigned 64-bit integers
+RESET_OPTIONS = ("damage_class", "onset", "reset_mask")
+
+
+def integer(value: object, what: str, minimum: int) -> int:
+    """Return `value` as an int, refusing floats and booleans.
+
+    Raises
+    ------
+    ConfigError
+        If `value` is not an integer or lies below `minimum`.
+    """
+    if isinstance(value, bool | np.bool_):
+        raise ConfigError(f"{what} must be an integer, got {value!r}")
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise ConfigError(f"{what} must be an integer, got {value!r}") from None
+    if number < minimum:
+        raise ConfigError(f"{what} must be at least {minimum}, got {number}")
+    return number
+
+
+def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
+    """Return the Gymnasium mode called `value` (``"next_step"``, ``"NextStep"`` or the enum member)."""
+    for mode in AutoresetMode:
+        if value in (mode, mode.value, mode.name.lower()):
+            return mode
+    names = ", ".join(repr(mode.name.lower()) for mode in AutoresetMode)
+    raise ConfigError(f"autoreset must be one of {names}, got {value!r}")
+
+
+def class_id(space: DamageSpace, spec: object) -> int:
+    """Return the id of the damage class that `spec` names (an id or a spec string)."""
+    if isinstance(spec, str):
+        return space.parse(spec)
+    number = integer(spec, "a damage class id", 0)
+    if number >= len(space):
+        raise ConfigError(
+            f"damage class {number} does not exist: this robot has the classes 0 to {len(space) - 1}"
+        )
+    return number
+
+
+def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | None:
+    """Turn the `damage` argument into one weight per class.
+
+    Returns
+    -------
+    weights : array of shape [D] or None
+        Not normalised; ``None`` stands for the uniform distribution over all classes.
+    """
+    if isinstance(damage, str) and damage == "uniform":
+        return None
+    weights = np.zeros(len(space))
+    if isinstance(damage, Mapping):
+        for spec, weight in damage.items():
+            weights[class_id(space, spec)] += _weight(spec, weight)
+    elif _holds_floats(damage):
+        weights = np.asarray(damage, dtype=np.float64).copy()
+        if weights.shape != (len(space),):
+            raise ShapeError(
+                f"damage weights: expected one per class, shape ({len(space)},), got {weights.shape}"
+            )
+        if not np.isfinite(weights).all() or (weights < 0.0).any():
+            raise ConfigError("damage weights must be finite and not negative")
+    else:
+        single = isinstance(damage, str) or np.ndim(damage) == 0
+        for spec in [damage] if single else damage:
+            weights[class_id(space, spec)] += 1.0
+    if weights.sum() <= 0.0:
+        raise ConfigError(f"damage must leave at least one class to draw from, got {damage!r}")
+    return weights
+
+
+def _holds_floats(damage: object) -> bool:
+    if isinstance(damage, np.ndarray):
+        return bool(np.issubdtype(damage.dtype, np.floating))
+    return (
+        isinstance(damage, Sequence)
+        and len(damage) > 0
+        and all(isinstance(item, float | np.floating) for item in damage)
+    )
+
+
+def _weight(spec: object, value: object) -> float:
+    try:
+        weight = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ConfigError(f"the weight of damage {spec!r} must be a number, got {value!r}") from None
+    if not np.isfinite(weight) or weight < 0.0:
+        raise ConfigError(f"the weight of damage {spec!r} must be finite and not negative, got {weight}")
+    return weight
+
+
+def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
+    """Return the inclusive range of episode steps from which the onset is drawn."""
+    low, high = onset if isinstance(onset, Sequence) and len(onset) == 2 else (onset, onset)
+    low, high = integer(low, "onset", 0), integer(high, "onset", 0)
+    if high < low:
+        raise ConfigError(f"onset: the range must not be empty, got ({low}, {high})")
+    return low, high
+
+
+def fresh_keys(num_envs: int) -> NDArray[np.uint64]:
+    """Return independent random stream keys of shape [N] from the operating system's entropy."""
+    return np.random.SeedSequence().generate_state(num_envs, np.uint64)
+
+
+def stream_keys(
+    seed: int | Sequence[int | None], num_envs: int
+) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
+    """Return the random stream key of each env and whether a key was given for it.
+
+    An integer gives env ``i`` the key ``seed + i``, as Gymnasium does; in a sequence ``None`` keeps
+    the stream that the env already has.
+
+    Returns
+    -------
+    keys : array of shape [N]
+    given : array of shape [N]
+    """
+    if isinstance(seed, Sequence | np.ndarray):
+        values = list(seed)
+        if len(values) != num_envs:
+            raise ShapeError(f"seed: expected one seed per env ({num_envs}), got {len(values)}")
+    else:
+        first = integer(seed, "seed", 0)
+        values = [first + index for index in range(num_envs)]
+    given = np.array([value is not None for value in values], dtype=np.bool_)
+    numbers = [0 if value is None else integer(value, "seed", 0) for value in values]
+    if max(numbers) >= KEY_LIMIT:
+        raise ConfigError(f"seed: every env's seed must be below 2**64, got {max(numbers)}")
+    return np.array(numbers, dtype=np.uint64), given
+
+
+@dataclass(frozen=True)
+class ResetOptions:
+    """The ``options`` of a reset; ``None`` where the user left one out.
+
+    Attributes
+    ----------
+    mask : array of shape [N] or None
+        Envs to reset.
+    classes : array of shape [N] or None
+        Damage class of the coming episode, `DRAW` where the env draws it.
+    onsets : array of shape [N] or None
+        Episode step at which the damage strikes, `DRAW` where the env draws it.
+    """
+
+    mask: NDArray[np.bool_] | None
+    classes: NDArray[np.int64] | None
+    onsets: NDArray[np.int64] | None
+
+    @classmethod
+    def parse(cls, options: Mapping[str, Any] | None, space: DamageSpace, num_envs: int) -> ResetOptions:
+        """Check the ``options`` of ``reset`` and spread single values over all envs."""
+        options = options or {}
+        unknown = sorted(set(options) - set(RESET_OPTIONS))
+        if unknown:
+            raise ConfigError(f"reset options: unknown {unknown}, expected some of {list(RESET_OPTIONS)}")
+        mask = options.get("reset_mask")
+        return cls(
+            mask=None if mask is None else _reset_mask(mask, num_envs),
+            classes=_per_env(
+                options.get("damage_class"), "damage_class", num_envs, lambda spec: class_id(space, spec)
+            ),
+            onsets=_per_env(options.get("onset"), "onset", num_envs, lambda step: integer(step, "onset", 0)),
+        )
+
+
+def _reset_mask(mask: object, num_envs: int) -> NDArray[np.bool_]:
+    array = np.asarray(mask)
+    if array.shape != (num_envs,):
+        raise ShapeError(f"options['reset_mask']: expected shape ({num_envs},), got {array.shape}")
+    if array.dtype != np.bool_:
+        raise ConfigError(f"options['reset_mask']: expected booleans, got {array.dtype}")
+    if not array.any():
+        raise ConfigError("options['reset_mask']: at least one env must be selected")
+    return array
+
+
+def _per_env(value: Any, name: str, num_envs: int, convert: Any) -> NDArray[np.int64] | None:  # noqa: ANN401
+    """Convert a single value or one value per env; ``None`` and `DRAW` ask the env to draw."""
+    if value is None:
+        return None
+    if isinstance(value, str) or np.ndim(value) == 0:
+        values = [value] * num_envs
+    else:
+        values = list(value)
+        if len(values) != num_envs:
+            raise ShapeError(f"options[{name!r}]: expected one value or {num_envs}, got {len(values)}")
+    return np.array(
+        [DRAW if item is None or item == DRAW else convert(item) for item in values], dtype=np.int64
+    )
+
+
+def action_batch(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return `actions` as a contiguous float32 array, without copying when it already is one.
+
+    Raises
+    ------
+    ShapeError
+        If the array does not have `shape`.
+    ConfigError
+        If its type cannot become float32 without changing the kind of value (complex, text, objects).
+    """
+    try:
+        array = np.asarray(actions)
+    except ValueError as error:
+        raise ShapeError(f"actions: expected shape {shape}, got no array: {error}") from None
+    if array.shape != shape:
+        raise ShapeError(f"actions: expected shape {shape}, got {array.shape}")
+    if array.dtype != np.float32:
+        if not np.can_cast(array.dtype, np.float32, casting="same_kind"):
+            raise ConfigError(f"actions: expected float32 or a type that converts to it, got {array.dtype}")
+        with np.errstate(over="ignore"):  # too large becomes infinite, which the simulation refuses by name
+            array = array.astype(np.float32)
+    return np.ascontiguousarray(array)

@@ -1,0 +1,103 @@
+"""Builds the native simulation that both kinds of environment wrap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode
+
+from dappo_batch import _core
+from dappo_batch.class_table import ClassTable, compile_class_table
+from dappo_batch.envs.arguments import (
+    Damage,
+    Seed,
+    class_weights,
+    fresh_keys,
+    integer,
+    onset_range,
+    stream_keys,
+)
+from dappo_batch.robots import Robot
+
+RobotLike: TypeAlias = str | Path | Robot | ClassTable
+"""A shipped robot's name, the path of a robot TOML, a loaded robot, or its compiled class table."""
+
+Physics: TypeAlias = Literal["rk4", "euler"]
+"""Integrator of the physics."""
+
+
+def class_table(
+    robot: RobotLike, *, max_damaged_limbs: int | None, severity: float, physics: Physics | None
+) -> ClassTable:
+    """Return the compiled damage classes of `robot`, or `robot` itself where it is a class table.
+
+    Raises
+    ------
+    ConfigError
+        If a compiled table comes with options that only compiling could apply.
+    """
+    if not isinstance(robot, ClassTable):
+        return compile_class_table(
+            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
+        )
+    if max_damaged_limbs is not None or physics is not None or severity not in (1.0, robot.severity):
+        raise _core.ConfigError(
+            "a compiled class table fixes max_damaged_limbs, severity and physics; "
+            "pass them to compile_class_table"
+        )
+    return robot
+
+
+def native_env(
+    table: ClassTable,
+    *,
+    num_envs: int,
+    damage: Damage,
+    reward: str | None,
+    observe_damage: bool,
+    autoreset: AutoresetMode,
+    seed: Seed,
+    threads: int | None,
+    onset: int | tuple[int, int],
+    max_episode_steps: int | None,
+) -> _core.VectorEnv:
+    """Check the arguments and start the simulation of `num_envs` environments.
+
+    Raises
+    ------
+    ConfigError, ShapeError
+        If an argument is out of range or names something that does not exist.
+    """
+    if max_episode_steps is not None:
+        max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1)
+    keys = fresh_keys(num_envs)
+    if seed is not None:
+        given_keys, given = stream_keys(seed, num_envs)
+        keys = np.where(given, given_keys, keys)
+    return _core.VectorEnv(
+        table,
+        num_envs=num_envs,
+        seeds=keys,
+        reward=reward,
+        observe_damage=bool(observe_damage),
+        autoreset=autoreset.name.lower(),
+        max_episode_steps=max_episode_steps,
+        class_weights=class_weights(table.space, damage),
+        onset=onset_range(onset),
+        threads=None if threads is None else integer(threads, "threads", 1),
+    )
+
+
+def spaces(core: _core.VectorEnv) -> tuple[Box, Box]:
+    """Return the observation space [O] and the action space [A] of one environment."""
+    observation_space = Box(-np.inf, np.inf, (core.obs_dim,), np.float32)
+    action_space = Box(-1.0, 1.0, (core.action_dim,), np.float32)
+    return observation_space, action_space
+
+
+def step_seconds(table: ClassTable) -> float:
+    """Return the simulated time of one environment step, s."""
+    return float(table.models[0].opt.timestep) * int(table.robot.spec["frame_skip"])

@@ -1,0 +1,217 @@
+"""One damaged robot behind Gymnasium's single-environment interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch._core import ConfigError, SimulationError
+from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, integer, stream_keys
+from dappo_batch.envs.simulation import Physics, RobotLike, class_table, native_env, spaces, step_seconds
+
+NO_TIME_LIMIT = 2**31 - 1
+PICTURE_SIZE = (480, 480)  # height, width in pixels
+
+
+class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One robot whose damage class is drawn anew for every episode.
+
+    The parameters are those of `DamageVectorEnv`, with two differences: `max_episode_steps` left out
+    means no time limit inside the env, because ``gymnasium.make`` adds the robot's limit as its
+    ``TimeLimit`` wrapper; and `render_mode` may be ``"rgb_array"``.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is out of range or names a robot, class or reward that does not exist.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium declares it so)
+
+    def __init__(
+        self,
+        robot: RobotLike = "ant",
+        *,
+        damage: Damage = "uniform",
+        reward: str | None = None,
+        observe_damage: bool = True,
+        seed: int | None = None,
+        onset: int | tuple[int, int] = (0, 0),
+        max_episode_steps: int | None = None,
+        severity: float = 1.0,
+        max_damaged_limbs: int | None = None,
+        physics: Physics | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        self.render_mode = render_mode
+        self.table = class_table(
+            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
+        )
+        self._core = native_env(
+            self.table,
+            num_envs=1,
+            damage=damage,
+            reward=reward,
+            observe_damage=observe_damage,
+            autoreset=AutoresetMode.DISABLED,
+            seed=seed,
+            threads=1,
+            onset=onset,
+            max_episode_steps=NO_TIME_LIMIT if max_episode_steps is None else max_episode_steps,
+        )
+        self.observation_space, self.action_space = spaces(self._core)
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / step_seconds(self.table))}
+        self._was_reset = False
+        self._closed = False
+        self._renderer: tuple[int, mujoco.Renderer] | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin a new episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Restarts the random stream; if left out it runs on.
+        options : mapping, optional
+            ``damage_class``: the class of this episode (id or spec string). ``onset``: the episode step
+            at which the damage strikes.
+
+        Returns
+        -------
+        obs : array of shape [O]
+        info : dict
+            As described at `step`.
+
+        Raises
+        ------
+        ConfigError, ShapeError
+            If the seed or an option does not fit.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        chosen = ResetOptions.parse(options, self.table.space, 1)
+        keys = None
+        if seed is not None:
+            seed = integer(seed, "seed", 0)
+            keys, _ = stream_keys(seed, 1)
+        super().reset(seed=seed)
+        self._core.reset(seeds=keys, classes=chosen.classes, onsets=chosen.onsets)
+        self._was_reset = True
+        return self._core.obs[0].copy(), self._info()
+
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Advance by one step.
+
+        Parameters
+        ----------
+        action : array of shape [A]
+            In [-1, 1]; values beyond are clipped, non-finite ones refused.
+
+        Returns
+        -------
+        obs : array of shape [O]
+        reward : float
+        terminated : bool
+            The robot fell or its state is not finite.
+        truncated : bool
+            The time limit was reached; never without `max_episode_steps`.
+        info : dict
+            ``damage_class`` (id in force, 0 until the onset), ``damage_onset`` (episode step),
+            ``severity``, ``forward_velocity`` (m/s).
+
+        Raises
+        ------
+        ShapeError
+            If `action` has another shape.
+        ConfigError
+            If `action` holds non-finite values or is not numeric.
+        ResetNeeded
+            If the env was never reset.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        core = self._core
+        row = action_batch(action, (core.action_dim,))
+        if not self._was_reset:
+            raise ResetNeeded("call reset before the first step")
+        core.step(row[np.newaxis])
+        return (
+            core.obs[0].copy(),
+            float(core.rewards[0]),
+            bool(core.terminated[0]),
+            bool(core.truncated[0]),
+            self._info(),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return a picture of the robot, shape [height, width, 3], or None without a render mode.
+
+        The first picture opens MuJoCo's offscreen renderer; without a display set ``MUJOCO_GL=egl``.
+        """
+        self._check_open()
+        if self.render_mode is None:
+            return None
+        damage_class = int(self._core.damage_class[0])
+        model = self.table.models[damage_class]
+        if self._renderer is None or self._renderer[0] != damage_class:
+            self._close_renderer()
+            self._renderer = (damage_class, mujoco.Renderer(model, *PICTURE_SIZE))
+        qpos, qvel = self._core.get_state()
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
+        mujoco.mj_forward(model, data)
+        renderer = self._renderer[1]
+        renderer.update_scene(data, camera=self.table.robot.spec.get("pictures", {}).get("camera", -1))
+        picture: NDArray[np.uint8] = renderer.render()
+        return picture
+
+    def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return copies of the generalised positions [nq] and velocities [nv] (m, rad, s)."""
+        self._check_open()
+        qpos, qvel = self._core.get_state()
+        return qpos[0], qvel[0]
+
+    def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Put the robot into the given state [nq], [nv], keep the episode, and return the observation [O]."""
+        self._check_open()
+        self._core.set_state(
+            np.array(qpos, dtype=np.float64, ndmin=2), np.array(qvel, dtype=np.float64, ndmin=2)
+        )
+        return self._core.obs[0].copy()
+
+    def close(self) -> None:
+        """Free the native memory and the renderer; may be called again."""
+        if not self._closed:
+            self._closed = True
+            self._close_renderer()
+            self._core.close()
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer[1].close()
+            self._renderer = None
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise SimulationError("this env is closed")
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "damage_class": int(self._core.damage_class[0]),
+            "damage_onset": int(self._core.damage_onset[0]),
+            "severity": self.table.severity,
+            "forward_velocity": float(self._core.forward_velocity[0]),
+        }

@@ -1,0 +1,332 @@
+"""Many damaged robots behind Gymnasium's vector interface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch._core import SimulationError
+from dappo_batch.envs.arguments import (
+    Damage,
+    ResetOptions,
+    Seed,
+    action_batch,
+    autoreset_mode,
+    integer,
+    stream_keys,
+)
+from dappo_batch.envs.simulation import Physics, RobotLike, class_table, native_env, spaces, step_seconds
+
+Infos = dict[str, Any]
+
+
+class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """N independent episodes of one robot, each with its own damage class.
+
+    The envs live in native memory and are stepped by a pool of threads; results do not depend on the
+    number of threads, and env ``i`` behaves exactly like a `DamageEnv` reset with seed ``seed + i``.
+
+    Parameters
+    ----------
+    robot : str, Path, Robot or ClassTable
+        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or something already loaded or compiled.
+    num_envs : int
+        Number of environments N.
+    damage : str, int, sequence, mapping or array
+        Where each episode's damage class is drawn from: ``"uniform"`` over all D classes, ``"healthy"``
+        or another class (id or spec string), a sequence of classes, a mapping class → weight, or an
+        array of D weights.
+    reward : str, optional
+        Name of a reward in the robot TOML (``"paper"``, ``"gym"``); its default if left out.
+    observe_damage : bool
+        Append the damage code of the class in force to every observation.
+    autoreset : str or AutoresetMode
+        ``"next_step"``, ``"same_step"`` or ``"disabled"``, with Gymnasium's meaning.
+    seed : int or sequence of int, optional
+        Random streams to begin with, as in `reset`; from entropy if left out.
+    threads : int, optional
+        Worker threads; all cores if left out.
+    onset : int or (int, int)
+        Episode step at which the damage strikes, or the inclusive range it is drawn from; 0 = at reset.
+    max_episode_steps : int, optional
+        Steps after which an episode is truncated; the robot's own limit if left out.
+    severity : float
+        In (0, 1]; 1 is the full damage.
+    max_damaged_limbs : int, optional
+        Most limbs damaged at once; the robot's own number if left out.
+    physics : {"rk4", "euler"}, optional
+        Integrator; the one in the robot's MJCF if left out.
+    copy : bool
+        If false, every returned array is a view that the next `step` or `reset` overwrites.
+
+    Attributes
+    ----------
+    table : ClassTable
+        One compiled model per damage class.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is out of range or names a robot, class or reward that does not exist.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium declares it so)
+
+    def __init__(
+        self,
+        robot: RobotLike = "ant",
+        num_envs: int = 1,
+        *,
+        damage: Damage = "uniform",
+        reward: str | None = None,
+        observe_damage: bool = True,
+        autoreset: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        seed: Seed = None,
+        threads: int | None = None,
+        onset: int | tuple[int, int] = (0, 0),
+        max_episode_steps: int | None = None,
+        severity: float = 1.0,
+        max_damaged_limbs: int | None = None,
+        physics: Physics | None = None,
+        copy: bool = True,
+    ) -> None:
+        self.num_envs = integer(num_envs, "num_envs", 1)
+        self.autoreset_mode = autoreset_mode(autoreset)
+        self.table = class_table(
+            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
+        )
+        self._core = native_env(
+            self.table,
+            num_envs=self.num_envs,
+            damage=damage,
+            reward=reward,
+            observe_damage=observe_damage,
+            autoreset=self.autoreset_mode,
+            seed=seed,
+            threads=threads,
+            onset=onset,
+            max_episode_steps=max_episode_steps,
+        )
+        self.copy = copy
+        self.single_observation_space, self.single_action_space = spaces(self._core)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.metadata = {
+            "render_modes": [],
+            "render_fps": round(1.0 / step_seconds(self.table)),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self._action_shape = (self.num_envs, self._core.action_dim)
+        self._all_envs = np.ones(self.num_envs, dtype=np.bool_)
+        self._all_envs.flags.writeable = False  # handed out as an info mask when copy=False
+        self._severity = np.full(self.num_envs, self.table.severity)
+        self._severity.flags.writeable = False
+        self._was_reset = False
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)  # episodes waiting for a reset by the user
+
+    @property
+    def num_threads(self) -> int:
+        """Number of worker threads."""
+        return self._core.num_threads
+
+    @property
+    def backend(self) -> str:
+        """Name of the simulation backend."""
+        return self._core.backend
+
+    def reset(
+        self, *, seed: Seed = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], Infos]:
+        """Begin a new episode in every env, or in those selected by ``options["reset_mask"]``.
+
+        Parameters
+        ----------
+        seed : int or sequence of int or None, optional
+            An integer restarts the random stream of env ``i`` with ``seed + i``; a sequence has one
+            seed per env, ``None`` in it keeps that env's stream. If left out all streams run on.
+        options : mapping, optional
+            ``reset_mask``: booleans [N]. ``damage_class``: one class (id or spec string) or one per env.
+            ``onset``: the episode step at which the damage strikes, one or one per env. In a value per
+            env, ``None`` and -1 leave the choice to the env's own distribution.
+
+        Returns
+        -------
+        obs : array of shape [N, O]
+            Rows of envs that were not reset are unchanged.
+        infos : dict
+            As described at `step`, for the envs that were reset.
+
+        Raises
+        ------
+        ConfigError, ShapeError
+            If a seed or an option does not fit.
+        ResetNeeded
+            If the very first reset selects only some envs.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        chosen = ResetOptions.parse(options, self.table.space, self.num_envs)
+        mask = self._all_envs if chosen.mask is None else chosen.mask
+        if not self._was_reset and not mask.all():
+            raise ResetNeeded("options['reset_mask'] must select every env in the first reset")
+        keys, given = None, np.zeros_like(mask)
+        if seed is not None:
+            keys, given = stream_keys(seed, self.num_envs)
+        # Envs with a new seed restart their stream, the others begin the next episode of theirs.
+        for part, part_keys in ((mask & given, keys), (mask & ~given, None)):
+            if part.any():
+                self._core.reset(
+                    seeds=part_keys,
+                    mask=None if part.all() else part,
+                    classes=chosen.classes,
+                    onsets=chosen.onsets,
+                )
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))  # keeps Gymnasium's np_random in step with the seed
+        self._was_reset = True
+        self._ended &= ~mask
+        return self._give(self._core.obs), self._infos(mask)
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
+        """Advance every env by one step.
+
+        Parameters
+        ----------
+        actions : array of shape [N, A]
+            In [-1, 1]; values beyond are clipped, non-finite ones refused.
+
+        Returns
+        -------
+        obs : array of shape [N, O]
+            In mode ``same_step``, the first observation of the new episode where one ended.
+        rewards : array of shape [N]
+        terminated : array of shape [N]
+            The robot fell or its state is not finite.
+        truncated : array of shape [N]
+            The time limit was reached.
+        infos : dict
+            ``damage_class`` (id in force, 0 until the onset), ``damage_onset`` (episode step),
+            ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of shape [N] with
+            its mask ``_key``. In mode ``same_step``, where an episode ended: ``final_obs`` (objects,
+            arrays of shape [O]) and ``final_info`` (the same keys at the episode's last step).
+
+        Raises
+        ------
+        ShapeError
+            If `actions` has another shape.
+        ConfigError
+            If `actions` holds non-finite values or is not numeric.
+        ResetNeeded
+            If the env was never reset, or in mode ``disabled`` an ended episode was not reset.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        batch = action_batch(actions, self._action_shape)
+        if not self._was_reset:
+            raise ResetNeeded("call reset before the first step")
+        if self._ended.any():
+            waiting = np.flatnonzero(self._ended)
+            raise ResetNeeded(
+                f"{waiting.size} envs have ended, the first is env {waiting[0]}: with autoreset='disabled' "
+                "reset them with options={'reset_mask': ...} before the next step"
+            )
+        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
+        onsets = self._core.damage_onset.copy() if same_step else None
+        self._core.step(batch)
+        core = self._core
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            np.logical_or(core.terminated, core.truncated, out=self._ended)
+        infos = self._infos(self._all_envs)
+        if onsets is not None:
+            infos |= self._final_infos(onsets)
+        return (
+            self._give(core.obs),
+            self._give(core.rewards),
+            self._give(core.terminated),
+            self._give(core.truncated),
+            infos,
+        )
+
+    def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return copies of the generalised positions [N, nq] and velocities [N, nv] (m, rad, s)."""
+        self._check_open()
+        return self._core.get_state()
+
+    def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Put every env into the given state, keep its episode, and return the observation [N, O].
+
+        Parameters
+        ----------
+        qpos : array of shape [N, nq]
+        qvel : array of shape [N, nv]
+        """
+        self._check_open()
+        self._core.set_state(
+            np.ascontiguousarray(qpos, dtype=np.float64), np.ascontiguousarray(qvel, dtype=np.float64)
+        )
+        return self._give(self._core.obs)
+
+    def close_extras(self) -> None:
+        """Free the native memory; called by `close`."""
+        if hasattr(self, "_core"):
+            self._core.close()
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise SimulationError("this vector env is closed")
+
+    def _give(self, array: NDArray[Any]) -> NDArray[Any]:
+        return array.copy() if self.copy else array
+
+    def _infos(self, mask: NDArray[np.bool_]) -> Infos:
+        """Return the info arrays with zeros outside `mask`, as Gymnasium's vector envs do."""
+        values = {
+            "damage_class": self._core.damage_class,
+            "damage_onset": self._core.damage_onset,
+            "severity": self._severity,
+            "forward_velocity": self._core.forward_velocity,
+        }
+        return self._masked(values, mask)
+
+    def _masked(self, values: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
+        everywhere = bool(mask.all())
+        infos: Infos = {}
+        for key, value in values.items():
+            infos[key] = self._give(value) if everywhere else np.where(mask, value, value.dtype.type(0))
+            infos[f"_{key}"] = self._give(mask)
+        return infos
+
+    def _final_infos(self, onsets: NDArray[np.int64]) -> Infos:
+        """Return ``final_obs`` and ``final_info`` of the episodes that ended in this step, if any did.
+
+        `onsets` [N] are those before the step: an env that ended has drawn its next onset by now.
+        """
+        core = self._core
+        mask = core.final_mask.copy()
+        if not mask.any():
+            return {}
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for index in np.flatnonzero(mask):
+            final_obs[index] = core.final_obs[index].copy()
+        values = {
+            "damage_class": core.final_damage_class,
+            "damage_onset": onsets,
+            "severity": self._severity,
+            "forward_velocity": core.final_forward_velocity,
+        }
+        return {
+            "final_obs": final_obs,
+            "_final_obs": mask,
+            "final_info": self._masked(values, mask),
+            "_final_info": mask.copy(),
+        }

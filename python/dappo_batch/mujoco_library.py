@@ -1,0 +1,36 @@
+"""Where libmujoco lies, and what Rust must know about the installed version."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+
+from dappo_batch._core import SimulationError
+
+
+def library_path() -> Path:
+    """Return the shared library inside the installed ``mujoco`` package.
+
+    Raises
+    ------
+    SimulationError
+        If the package holds no such library.
+    """
+    folder = Path(mujoco.__file__).parent
+    for pattern in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll"):
+        for found in sorted(folder.glob(pattern)):
+            return found
+    message = f"no MuJoCo library in {folder}; reinstall the `mujoco` package"
+    raise SimulationError(message)
+
+
+def state_spec() -> int:
+    """Return the ``mjtState`` bits of everything that the next physics step depends on.
+
+    The bits differ between MuJoCo versions, so they are read from the installed one: time, positions,
+    velocities, activations, and the solver's warm start.
+    """
+    return int(mujoco.mjtState.mjSTATE_PHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART) | int(
+        mujoco.mjtState.mjSTATE_TIME
+    )

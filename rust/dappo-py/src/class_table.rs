@@ -1,0 +1,99 @@
+//! Reads a Python `ClassTable` (compiled MuJoCo models) into a mujoco backend.
+
+use std::path::PathBuf;
+
+use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
+use dappo_sim::terms::Task;
+use dappo_sim::{Backend, DamageSpace, Layout, Robot};
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::damage::PyDamageSpace;
+use crate::errors::from_sim;
+
+/// What Rust needs to know about a class table, besides the models themselves.
+pub struct ClassTable<'py> {
+    object: Bound<'py, PyAny>,
+    /// The robot file.
+    pub robot: Robot,
+    /// The damage classes.
+    pub space: DamageSpace,
+    /// Sizes and addresses.
+    pub layout: Layout,
+}
+
+impl<'py> ClassTable<'py> {
+    /// Reads a `dappo_batch.class_table.ClassTable`.
+    pub fn read(object: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let toml: String = object.getattr("robot")?.getattr("toml_text")?.extract()?;
+        let robot = Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
+        let space = object.getattr("space")?.cast::<PyDamageSpace>()?.get().inner.clone();
+        let model = object.getattr("models")?.get_item(0)?;
+        let size = |name: &str| -> PyResult<usize> { model.getattr(name)?.extract() };
+        let layout = Layout {
+            nq: size("nq")?,
+            nv: size("nv")?,
+            nu: size("nu")?,
+            nbody: size("nbody")?,
+            nsensordata: size("nsensordata")?,
+            timestep: model.getattr("opt")?.getattr("timestep")?.extract()?,
+            main_body: object.getattr("main_body")?.extract()?,
+            limb_bodies: object.getattr("limb_bodies")?.extract()?,
+            touch_addresses: object.getattr("touch_addresses")?.extract()?,
+        };
+        Ok(Self { object: object.clone(), robot, space, layout })
+    }
+
+    /// A mujoco backend over this table.
+    pub fn mujoco_backend(
+        &self,
+        reward: Option<&str>,
+        num_envs: usize,
+        threads: Option<usize>,
+    ) -> PyResult<Box<dyn Backend>> {
+        let py = self.object.py();
+        let available = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = threads.unwrap_or(available).min(num_envs.max(1));
+        let task = Task::new(&self.robot, &self.layout, reward).map_err(|error| from_sim(&error))?;
+        let path: PathBuf = py.import("dappo_batch.mujoco_library")?.call_method0("library_path")?.extract()?;
+        let library = MujocoLibrary::load(&path).map_err(|error| from_sim(&error))?;
+        let backend = MujocoBackend::new(task, library, self.model_table()?, self.workers(threads)?, num_envs);
+        Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
+    }
+
+    fn model_table(&self) -> PyResult<ModelTable> {
+        let py = self.object.py();
+        let models = self.object.getattr("models")?;
+        let addresses: Vec<usize> =
+            models.try_iter()?.map(|model| model?.getattr("_address")?.extract()).collect::<PyResult<_>>()?;
+        let muted: Vec<Vec<usize>> = self.object.getattr("muted_touch")?.extract()?;
+        let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();
+        let spec: u32 = py.import("dappo_batch.mujoco_library")?.call_method0("state_spec")?.extract()?;
+        // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
+        // checked that all models have equal sizes.
+        let table = unsafe {
+            ModelTable::new(&addresses, muted.iter().map(mask).collect(), spec, Box::new(self.object.clone().unbind()))
+        };
+        table.map_err(|error| from_sim(&error))
+    }
+
+    fn workers(&self, count: usize) -> PyResult<Vec<WorkerFields>> {
+        let datas = self.object.call_method1("worker_data", (count,))?;
+        datas.try_iter()?.map(|data| self.worker(&data?)).collect()
+    }
+
+    fn worker(&self, data: &Bound<'py, PyAny>) -> PyResult<WorkerFields> {
+        let field = |name: &str| -> PyResult<Field> {
+            let array = data.getattr(name)?.cast_into::<PyArrayDyn<f64>>()?;
+            Ok(Field { address: array.data() as usize, len: array.len() })
+        };
+        let xpos = field("xpos")?;
+        let main_body_xpos = Field { address: xpos.address + self.layout.main_body * 3 * size_of::<f64>(), len: 3 };
+        let fields =
+            [field("qpos")?, field("qvel")?, field("ctrl")?, field("cfrc_ext")?, field("sensordata")?, main_body_xpos];
+        let address: usize = data.getattr("_address")?.extract()?;
+        // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
+        // which the owner keeps alive.
+        Ok(unsafe { WorkerFields::new(address, fields, Box::new(data.clone().unbind())) })
+    }
+}

@@ -1,0 +1,125 @@
+//! `DamageSpace` and `DamageClass` in Python.
+
+use dappo_sim::damage::{DamageClass, DamageSpace};
+use pyo3::prelude::*;
+
+use crate::errors::from_sim;
+
+/// One damage class: which limbs are damaged, and how.
+#[pyclass(name = "DamageClass", module = "dappo_batch", frozen)]
+#[derive(Clone)]
+pub struct PyDamageClass {
+    class: DamageClass,
+    code: Vec<u8>,
+    damages: Vec<(usize, String)>,
+}
+
+#[pymethods]
+impl PyDamageClass {
+    /// Position in the canonical order; 0 is healthy.
+    #[getter]
+    fn id(&self) -> usize {
+        self.class.id
+    }
+
+    /// `healthy` or for example `jammed_joint@0+missing_toe@2`.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.class.name
+    }
+
+    /// Group by number of damages, types and ring distance.
+    #[getter]
+    fn group(&self) -> &str {
+        &self.class.group
+    }
+
+    /// The damage code, one bit for every (limb, type).
+    #[getter]
+    fn code(&self) -> Vec<u32> {
+        self.code.iter().map(|&bit| u32::from(bit)).collect()
+    }
+
+    /// Pairs (limb, damage type) in ascending order of limb.
+    #[getter]
+    fn damages(&self) -> Vec<(usize, String)> {
+        self.damages.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("DamageClass(id={}, name='{}', group='{}')", self.class.id, self.class.name, self.class.group)
+    }
+}
+
+/// All damage classes of a robot in canonical order.
+#[pyclass(name = "DamageSpace", module = "dappo_batch", frozen)]
+pub struct PyDamageSpace {
+    /// The space in Rust.
+    pub inner: DamageSpace,
+}
+
+#[pymethods]
+impl PyDamageSpace {
+    #[new]
+    fn new(limbs: usize, types: Vec<String>, max_damaged_limbs: usize) -> PyResult<Self> {
+        DamageSpace::new(limbs, types, max_damaged_limbs)
+            .map(|inner| Self { inner })
+            .map_err(|error| from_sim(&error))
+    }
+
+    /// Number of limbs.
+    #[getter]
+    fn limbs(&self) -> usize {
+        self.inner.limbs()
+    }
+
+    /// Names of the damage types.
+    #[getter]
+    fn types(&self) -> Vec<String> {
+        self.inner.types().to_vec()
+    }
+
+    /// Largest number of damaged limbs.
+    #[getter]
+    fn max_damaged_limbs(&self) -> usize {
+        self.inner.max_damaged_limbs()
+    }
+
+    /// Length of a damage code.
+    #[getter]
+    fn code_length(&self) -> usize {
+        self.inner.code_length()
+    }
+
+    /// All classes; the index is the class id.
+    #[getter]
+    fn classes(&self) -> Vec<PyDamageClass> {
+        let (limbs, types) = (self.inner.limbs(), self.inner.types());
+        let describe = |class: &DamageClass| PyDamageClass {
+            code: class.code(limbs, types.len()).iter().map(|&bit| u8::from(bit > 0.0)).collect(),
+            damages: class.damages.iter().map(|d| (d.limb, types[d.kind].clone())).collect(),
+            class: class.clone(),
+        };
+        self.inner.classes().iter().map(describe).collect()
+    }
+
+    /// The class id that a specification or an id names.
+    fn parse(&self, spec: &Bound<'_, PyAny>) -> PyResult<usize> {
+        let text = spec.str()?;
+        self.inner.parse(text.to_str()?).map_err(|error| from_sim(&error))
+    }
+
+    fn __len__(&self) -> usize {
+        self.inner.classes().len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "DamageSpace(limbs={}, types={:?}, max_damaged_limbs={}): {} classes",
+            self.inner.limbs(),
+            self.inner.types(),
+            self.inner.max_damaged_limbs(),
+            self.inner.classes().len()
+        )
+    }
+}

@@ -1,0 +1,106 @@
+//! The tree of Python exceptions and how Rust errors map onto it.
+//!
+//! `DappoError` > `ConfigError` (also a `ValueError`), `ShapeError` (also a `ValueError`),
+//! `SimulationError` (also a `RuntimeError`), `CheckpointError` (also a `RuntimeError`).
+
+use dappo_sim::SimError;
+use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyTuple, PyType};
+
+struct Tree {
+    base: Py<PyType>,
+    config: Py<PyType>,
+    shape: Py<PyType>,
+    simulation: Py<PyType>,
+    checkpoint: Py<PyType>,
+}
+
+static TREE: PyOnceLock<Tree> = PyOnceLock::new();
+
+/// Which exception an error becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Bad input.
+    Config,
+    /// An array of the wrong shape or dtype.
+    Shape,
+    /// The simulation cannot go on.
+    Simulation,
+    /// A run folder or checkpoint cannot be read or written.
+    Checkpoint,
+}
+
+fn new_type<'py>(
+    py: Python<'py>,
+    name: &str,
+    doc: &str,
+    bases: Vec<Bound<'py, PyType>>,
+) -> PyResult<Bound<'py, PyType>> {
+    let members = PyDict::new(py);
+    members.set_item("__module__", "dappo_batch")?;
+    members.set_item("__doc__", doc)?;
+    let made = py.get_type::<PyType>().call1((name, PyTuple::new(py, bases)?, members))?;
+    Ok(made.cast_into::<PyType>()?)
+}
+
+fn tree(py: Python<'_>) -> PyResult<&Tree> {
+    TREE.get_or_try_init(py, || {
+        let value = || py.get_type::<PyValueError>();
+        let runtime = || py.get_type::<PyRuntimeError>();
+        let base = new_type(py, "DappoError", "Base of all errors of dappo-batch.", vec![py.get_type::<PyException>()])?;
+        let under = |name, doc, second| new_type(py, name, doc, vec![base.clone(), second]);
+        Ok(Tree {
+            config: under("ConfigError", "An option, robot file or damage specification cannot be used.", value())?.unbind(),
+            shape: under("ShapeError", "An array has the wrong shape or dtype.", value())?.unbind(),
+            simulation: under("SimulationError", "The simulation cannot go on.", runtime())?.unbind(),
+            checkpoint: under("CheckpointError", "A run folder or checkpoint cannot be used.", runtime())?.unbind(),
+            base: base.unbind(),
+        })
+    })
+}
+
+/// Adds the exception types to the module.
+pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = module.py();
+    let tree = tree(py)?;
+    for (name, exception) in [
+        ("DappoError", &tree.base),
+        ("ConfigError", &tree.config),
+        ("ShapeError", &tree.shape),
+        ("SimulationError", &tree.simulation),
+        ("CheckpointError", &tree.checkpoint),
+    ] {
+        module.add(name, exception.bind(py))?;
+    }
+    Ok(())
+}
+
+/// An exception of the tree.
+pub fn raise(kind: Kind, message: impl Into<String>) -> PyErr {
+    let message = message.into();
+    Python::attach(|py| match tree(py) {
+        Err(error) => error,
+        Ok(tree) => {
+            let exception = match kind {
+                Kind::Config => &tree.config,
+                Kind::Shape => &tree.shape,
+                Kind::Simulation => &tree.simulation,
+                Kind::Checkpoint => &tree.checkpoint,
+            };
+            PyErr::from_type(exception.bind(py).clone(), message)
+        }
+    })
+}
+
+/// A simulation error as a Python exception.
+pub fn from_sim(error: &SimError) -> PyErr {
+    let kind = match error {
+        SimError::Config(_) | SimError::NonFiniteAction { .. } => Kind::Config,
+        SimError::Shape { .. } => Kind::Shape,
+        SimError::Library { .. } | SimError::Threads { .. } => Kind::Simulation,
+        SimError::Snapshot(_) => Kind::Checkpoint,
+    };
+    raise(kind, error.to_string())
+}

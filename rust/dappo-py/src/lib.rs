@@ -1,0 +1,18 @@
+//! `dappo_batch._core`: thin Python classes over `dappo-sim` and `dappo-learn`, and the command line.
+
+mod class_table;
+mod damage;
+mod errors;
+mod vector_env;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    errors::register(module)?;
+    module.add_class::<damage::PyDamageClass>()?;
+    module.add_class::<damage::PyDamageSpace>()?;
+    module.add_class::<vector_env::PyVectorEnv>()?;
+    Ok(())
+}

@@ -1,0 +1,291 @@
+//! `VectorEnv` in Python: N damage-randomised episodes on all cores.
+
+use dappo_sim::curriculum::ClassDistribution;
+use dappo_sim::vector_env::{Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
+use numpy::ndarray::{ArrayView1, ArrayView2};
+use numpy::{
+    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::class_table::ClassTable;
+use crate::errors::{Kind, from_sim, raise};
+
+/// N damage-randomised episodes; `dappo_batch.envs` gives them Gymnasium's face.
+#[pyclass(name = "VectorEnv", module = "dappo_batch._core")]
+pub struct PyVectorEnv {
+    env: Option<VectorEnv>,
+    /// The buffers of a closed env: numpy views of them may still be alive.
+    _kept: Option<Buffers>,
+    num_envs: usize,
+    nq: usize,
+    nv: usize,
+}
+
+impl PyVectorEnv {
+    fn env(&self) -> PyResult<&VectorEnv> {
+        self.env.as_ref().ok_or_else(closed)
+    }
+
+    fn env_mut(&mut self) -> PyResult<&mut VectorEnv> {
+        self.env.as_mut().ok_or_else(closed)
+    }
+}
+
+fn closed() -> PyErr {
+    raise(Kind::Simulation, "the vector env is closed; make a new one")
+}
+
+fn parse_autoreset(mode: &str) -> PyResult<Autoreset> {
+    match mode {
+        "next_step" => Ok(Autoreset::NextStep),
+        "same_step" => Ok(Autoreset::SameStep),
+        "disabled" => Ok(Autoreset::Disabled),
+        other => Err(raise(
+            Kind::Config,
+            format!("autoreset is `{other}`, expected `next_step`, `same_step` or `disabled`"),
+        )),
+    }
+}
+
+/// Entries below zero mean "draw".
+fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Option<usize>>>> {
+    values
+        .map(|values| Ok(values.as_slice().map_err(not_contiguous)?.iter().map(|&v| usize::try_from(v).ok()).collect()))
+        .transpose()
+}
+
+fn not_contiguous<E: std::fmt::Display>(error: E) -> PyErr {
+    raise(Kind::Shape, format!("arrays must be C-contiguous ({error}); use numpy.ascontiguousarray"))
+}
+
+type Flags<'py> = Bound<'py, PyArray1<bool>>;
+type Numbers<'py> = Bound<'py, PyArray1<f64>>;
+type Integers<'py> = Bound<'py, PyArray1<i64>>;
+type Rows<'py> = Bound<'py, PyArray2<f32>>;
+
+/// A read-only numpy view on one of the env's buffers.
+fn view1<'py, T: Element>(
+    this: &Bound<'py, PyVectorEnv>,
+    buffer: impl Fn(&Buffers) -> &[T],
+) -> PyResult<Bound<'py, PyArray1<T>>> {
+    let borrowed = this.borrow();
+    let array = ArrayView1::from(buffer(borrowed.env()?.buffers()));
+    // SAFETY: the buffer lives as long as `this` and is never reallocated (see `close`, which keeps it).
+    let view = unsafe { PyArray1::borrow_from_array(&array, this.clone().into_any()) };
+    read_only(view.as_any())?;
+    Ok(view)
+}
+
+fn view2<'py>(this: &Bound<'py, PyVectorEnv>, buffer: impl Fn(&Buffers) -> &[f32]) -> PyResult<Rows<'py>> {
+    let borrowed = this.borrow();
+    let env = borrowed.env()?;
+    let array = ArrayView2::from_shape((env.num_envs(), env.obs_dim()), buffer(env.buffers()))
+        .map_err(|error| raise(Kind::Shape, error.to_string()))?;
+    // SAFETY: as in `view1`.
+    let view = unsafe { PyArray2::borrow_from_array(&array, this.clone().into_any()) };
+    read_only(view.as_any())?;
+    Ok(view)
+}
+
+fn read_only(array: &Bound<'_, PyAny>) -> PyResult<()> {
+    let options = PyDict::new(array.py());
+    options.set_item("write", false)?;
+    array.call_method("setflags", (), Some(&options)).map(|_| ())
+}
+
+#[pymethods]
+impl PyVectorEnv {
+    #[new]
+    #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
+                        max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn new(
+        table: &Bound<'_, PyAny>,
+        num_envs: usize,
+        seeds: PyReadonlyArray1<'_, u64>,
+        reward: Option<&str>,
+        observe_damage: bool,
+        autoreset: &str,
+        max_episode_steps: Option<usize>,
+        class_weights: Option<PyReadonlyArray1<'_, f64>>,
+        onset: (usize, usize),
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let table = ClassTable::read(table)?;
+        let classes = match class_weights {
+            None => ClassDistribution::uniform(table.space.classes().len()),
+            Some(weights) => ClassDistribution::from_weights(weights.as_slice().map_err(not_contiguous)?)
+                .map_err(|error| from_sim(&error))?,
+        };
+        let config = VectorEnvConfig {
+            keys: seeds.as_slice().map_err(not_contiguous)?.to_vec(),
+            observe_damage,
+            autoreset: parse_autoreset(autoreset)?,
+            max_episode_steps: max_episode_steps.unwrap_or(table.robot.max_episode_steps),
+            classes,
+            onset: Onset { first: onset.0, last: onset.1 },
+        };
+        let backend = table.mujoco_backend(reward, num_envs, threads)?;
+        let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
+        Ok(Self { env: Some(env), _kept: None, num_envs, nq: table.layout.nq, nv: table.layout.nv })
+    }
+
+    /// Number of envs.
+    #[getter]
+    fn num_envs(&self) -> usize {
+        self.num_envs
+    }
+
+    /// Length of an observation, the damage code included.
+    #[getter]
+    fn obs_dim(&self) -> PyResult<usize> {
+        Ok(self.env()?.obs_dim())
+    }
+
+    /// Length of an action.
+    #[getter]
+    fn action_dim(&self) -> PyResult<usize> {
+        Ok(self.env()?.action_dim())
+    }
+
+    /// Number of worker threads.
+    #[getter]
+    fn num_threads(&self) -> PyResult<usize> {
+        Ok(self.env()?.backend().num_threads())
+    }
+
+    /// Name of the backend.
+    #[getter]
+    fn backend(&self) -> PyResult<&str> {
+        Ok(self.env()?.backend().name())
+    }
+
+    /// Starts new episodes in all envs or those of a mask.
+    #[pyo3(signature = (*, seeds=None, mask=None, classes=None, onsets=None))]
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        seeds: Option<PyReadonlyArray1<'_, u64>>,
+        mask: Option<PyReadonlyArray1<'_, bool>>,
+        classes: Option<PyReadonlyArray1<'_, i64>>,
+        onsets: Option<PyReadonlyArray1<'_, i64>>,
+    ) -> PyResult<()> {
+        let keys = seeds.as_ref().map(|keys| keys.as_slice().map_err(not_contiguous)).transpose()?;
+        let mask = mask.as_ref().map(|mask| mask.as_slice().map_err(not_contiguous)).transpose()?;
+        let (classes, onsets) = (optional(classes)?, optional(onsets)?);
+        let options = ResetOptions { keys, mask, classes: classes.as_deref(), onsets: onsets.as_deref() };
+        let env = self.env_mut()?;
+        py.detach(|| env.reset(options)).map_err(|error| from_sim(&error))
+    }
+
+    /// Advances every env by one step.
+    fn step(&mut self, py: Python<'_>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
+        let env = self.env_mut()?;
+        let (rows, columns) = (actions.shape()[0], actions.shape()[1]);
+        if (rows, columns) != (env.num_envs(), env.action_dim()) {
+            return Err(raise(
+                Kind::Shape,
+                format!("actions have shape ({rows}, {columns}), expected ({}, {})", env.num_envs(), env.action_dim()),
+            ));
+        }
+        let actions = actions.as_slice().map_err(not_contiguous)?;
+        py.detach(|| env.step(actions)).map_err(|error| from_sim(&error))
+    }
+
+    /// Positions `[N, nq]` and velocities `[N, nv]` of all envs.
+    fn get_state<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let qpos = PyArray2::zeros(py, [self.num_envs, self.nq], false);
+        let qvel = PyArray2::zeros(py, [self.num_envs, self.nv], false);
+        {
+            let (mut positions, mut velocities) = (qpos.readwrite(), qvel.readwrite());
+            let positions = positions.as_slice_mut().map_err(not_contiguous)?;
+            let velocities = velocities.as_slice_mut().map_err(not_contiguous)?;
+            self.env()?.state(positions, velocities).map_err(|error| from_sim(&error))?;
+        }
+        Ok((qpos, qvel))
+    }
+
+    /// Puts every env into a given state and refreshes the observations.
+    fn set_state(&mut self, qpos: PyReadonlyArray2<'_, f64>, qvel: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let positions = qpos.as_slice().map_err(not_contiguous)?;
+        let velocities = qvel.as_slice().map_err(not_contiguous)?;
+        self.env_mut()?.set_state(positions, velocities).map_err(|error| from_sim(&error))
+    }
+
+    /// Frees the env; every later call raises `SimulationError`.
+    fn close(&mut self) {
+        if let Some(env) = self.env.take() {
+            self._kept = Some(env.into_buffers());
+        }
+    }
+
+    #[getter]
+    fn obs<'py>(this: &Bound<'py, Self>) -> PyResult<Rows<'py>> {
+        view2(this, |buffers| &buffers.obs)
+    }
+
+    #[getter]
+    fn final_obs<'py>(this: &Bound<'py, Self>) -> PyResult<Rows<'py>> {
+        view2(this, |buffers| &buffers.final_obs)
+    }
+
+    #[getter]
+    fn rewards<'py>(this: &Bound<'py, Self>) -> PyResult<Numbers<'py>> {
+        view1(this, |buffers| &buffers.rewards)
+    }
+
+    #[getter]
+    fn terminated<'py>(this: &Bound<'py, Self>) -> PyResult<Flags<'py>> {
+        view1(this, |buffers| &buffers.terminated)
+    }
+
+    #[getter]
+    fn truncated<'py>(this: &Bound<'py, Self>) -> PyResult<Flags<'py>> {
+        view1(this, |buffers| &buffers.truncated)
+    }
+
+    #[getter]
+    fn forward_velocity<'py>(this: &Bound<'py, Self>) -> PyResult<Numbers<'py>> {
+        view1(this, |buffers| &buffers.forward_velocity)
+    }
+
+    #[getter]
+    fn damage_class<'py>(this: &Bound<'py, Self>) -> PyResult<Integers<'py>> {
+        view1(this, |buffers| &buffers.damage_class)
+    }
+
+    #[getter]
+    fn damage_onset<'py>(this: &Bound<'py, Self>) -> PyResult<Integers<'py>> {
+        view1(this, |buffers| &buffers.damage_onset)
+    }
+
+    #[getter]
+    fn episode_step<'py>(this: &Bound<'py, Self>) -> PyResult<Integers<'py>> {
+        view1(this, |buffers| &buffers.episode_step)
+    }
+
+    #[getter]
+    fn final_mask<'py>(this: &Bound<'py, Self>) -> PyResult<Flags<'py>> {
+        view1(this, |buffers| &buffers.final_mask)
+    }
+
+    #[getter]
+    fn final_damage_class<'py>(this: &Bound<'py, Self>) -> PyResult<Integers<'py>> {
+        view1(this, |buffers| &buffers.final_damage_class)
+    }
+
+    #[getter]
+    fn final_damage_onset<'py>(this: &Bound<'py, Self>) -> PyResult<Integers<'py>> {
+        view1(this, |buffers| &buffers.final_damage_onset)
+    }
+
+    #[getter]
+    fn final_forward_velocity<'py>(this: &Bound<'py, Self>) -> PyResult<Numbers<'py>> {
+        view1(this, |buffers| &buffers.final_forward_velocity)
+    }
+}

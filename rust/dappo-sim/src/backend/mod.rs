@@ -1,0 +1,127 @@
+//! Backends: the physics of N envs at once.
+//!
+//! A backend is dumb so that backends can be compared: it resets, changes damage classes and steps. Time
+//! limits, autoreset, class draws and damage codes belong to the [vector env](crate::vector_env).
+
+pub mod mujoco;
+
+use crate::error::SimError;
+use crate::terms::Task;
+
+/// Sizes and addresses of a compiled robot, equal for all its damage classes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Entries of qpos.
+    pub nq: usize,
+    /// Entries of qvel.
+    pub nv: usize,
+    /// Number of actuators.
+    pub nu: usize,
+    /// Number of bodies, the world included.
+    pub nbody: usize,
+    /// Entries of sensordata.
+    pub nsensordata: usize,
+    /// Physics timestep, s.
+    pub timestep: f64,
+    /// Body whose x position gives the forward velocity.
+    pub main_body: usize,
+    /// Bodies of each limb.
+    pub limb_bodies: Vec<Vec<usize>>,
+    /// Index of each limb's touch sensor in sensordata; empty without touch sensors.
+    pub touch_addresses: Vec<usize>,
+}
+
+/// Start of a new episode. The initial state is drawn from (`key`, `episode`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reset {
+    /// Index of the env.
+    pub env: usize,
+    /// Damage class in force from the start.
+    pub class: usize,
+    /// Random key of the env.
+    pub key: u64,
+    /// Number of the episode.
+    pub episode: u64,
+}
+
+/// Rows of observations inside a wider array: env i starts at `i · stride`.
+#[derive(Debug)]
+pub struct ObsRows<'a> {
+    /// The array, `[N · stride]`.
+    pub data: &'a mut [f32],
+    /// Distance between rows, at least the observation's length; entries beyond it are left alone.
+    pub stride: usize,
+}
+
+/// Where a step writes its results, one entry an env.
+#[derive(Debug)]
+pub struct StepOutputs<'a> {
+    /// Observations.
+    pub obs: ObsRows<'a>,
+    /// Rewards, `[N]`.
+    pub rewards: &'a mut [f64],
+    /// Failures, `[N]`.
+    pub terminated: &'a mut [bool],
+    /// Velocities of the main body along +x, m/s, `[N]`.
+    pub forward_velocity: &'a mut [f64],
+}
+
+/// The physics of N envs.
+pub trait Backend: Send + Sync {
+    /// Name used in configs, results and error messages.
+    fn name(&self) -> &'static str;
+
+    /// Number of envs.
+    fn num_envs(&self) -> usize;
+
+    /// Number of worker threads.
+    fn num_threads(&self) -> usize;
+
+    /// Number of damage classes in the class table.
+    fn num_classes(&self) -> usize;
+
+    /// Observation, reward and termination of the robot.
+    fn task(&self) -> &Task;
+
+    /// Starts new episodes and writes their first observations. An env appears at most once.
+    fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError>;
+
+    /// Changes the damage class of running episodes; the state of the env goes on.
+    fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<(), SimError>;
+
+    /// Advances every env by one env step, except those marked in `skip`, whose outputs are left alone.
+    ///
+    /// # Shapes
+    /// - `actions`: `[N, nu]`, clipped to ±1
+    /// - `skip`: `[N]`
+    fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError>;
+
+    /// Reads positions and velocities of all envs.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
+    fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError>;
+
+    /// Puts every env into a given state at rest from forces (as after a reset) and observes it.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
+    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError>;
+
+    /// Everything that the next step depends on, for checkpoints.
+    fn snapshot(&self) -> BackendSnapshot;
+
+    /// Goes back to a snapshot of a backend of the same robot, kind and number of envs.
+    fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError>;
+}
+
+/// The complete state of a backend.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BackendSnapshot {
+    /// Entries of `rows` an env.
+    pub row: usize,
+    /// State rows, `[N, row]`.
+    pub rows: Vec<f64>,
+    /// Damage class in force, `[N]`.
+    pub classes: Vec<usize>,
+}

@@ -1,0 +1,227 @@
+//! The `mujoco` backend: libmujoco on every core.
+//!
+//! One `mjData` a thread and one small state row an env: before a step the row is written into the
+//! thread's `mjData`, afterwards it is read back. An env changes its damage class by using another
+//! class's `mjModel`, which works because all classes have equal sizes (checked at compile time).
+
+mod library;
+mod table;
+mod worker;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use rayon::prelude::*;
+
+use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs};
+use crate::error::{SimError, expect_len};
+use crate::terms::Task;
+
+pub use library::MujocoLibrary;
+pub use table::{Field, ModelTable, WorkerFields};
+use worker::Worker;
+
+/// libmujoco × rayon.
+pub struct MujocoBackend {
+    task: Task,
+    table: ModelTable,
+    workers: Vec<Mutex<Worker>>,
+    pool: rayon::ThreadPool,
+    /// Entries of a state row: MuJoCo's state, then the main body's x position.
+    row: usize,
+    rows: Vec<f64>,
+    classes: Vec<usize>,
+}
+
+impl MujocoBackend {
+    /// A backend with one worker for each entry of `workers`.
+    pub fn new(
+        task: Task,
+        library: MujocoLibrary,
+        table: ModelTable,
+        workers: Vec<WorkerFields>,
+        num_envs: usize,
+    ) -> Result<Self, SimError> {
+        if num_envs == 0 || workers.is_empty() {
+            return Err(SimError::Config(format!(
+                "a backend needs at least one env and one thread, got {num_envs} envs and {} threads",
+                workers.len()
+            )));
+        }
+        let threads = workers.len();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|error| SimError::Threads { threads, reason: error.to_string() })?;
+        let workers: Vec<Worker> =
+            workers.into_iter().map(|fields| Worker::new(library.clone(), fields, &table)).collect::<Result<_, _>>()?;
+        let row = workers[0].state_size() + 1;
+        Ok(Self {
+            task,
+            table,
+            workers: workers.into_iter().map(Mutex::new).collect(),
+            pool,
+            row,
+            rows: vec![0.0; num_envs * row],
+            classes: vec![0; num_envs],
+        })
+    }
+
+    fn check_class(&self, class: usize) -> Result<(), SimError> {
+        if class < self.table.len() {
+            return Ok(());
+        }
+        Err(SimError::Config(format!(
+            "damage class {class} does not exist; the classes are 0 to {}",
+            self.table.len() - 1
+        )))
+    }
+}
+
+/// The worker of the current thread of the pool. Never contended: a thread runs one chunk at a time.
+fn worker(workers: &[Mutex<Worker>]) -> MutexGuard<'_, Worker> {
+    let index = rayon::current_thread_index().unwrap_or(0);
+    workers[index].lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Backend for MujocoBackend {
+    fn name(&self) -> &'static str {
+        "mujoco"
+    }
+
+    fn num_envs(&self) -> usize {
+        self.classes.len()
+    }
+
+    fn num_threads(&self) -> usize {
+        self.workers.len()
+    }
+
+    fn num_classes(&self) -> usize {
+        self.table.len()
+    }
+
+    fn task(&self) -> &Task {
+        &self.task
+    }
+
+    fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
+        let mut wanted: Vec<Option<Reset>> = vec![None; self.num_envs()];
+        for reset in resets {
+            self.check_class(reset.class)?;
+            self.classes[reset.env] = reset.class;
+            wanted[reset.env] = Some(*reset);
+        }
+        let (task, table, workers) = (&self.task, &self.table, &self.workers);
+        self.pool.install(|| {
+            (self.rows.par_chunks_mut(self.row), obs.data.par_chunks_mut(obs.stride), wanted.par_iter())
+                .into_par_iter()
+                .for_each(|(row, obs, reset)| {
+                    if let Some(reset) = reset {
+                        worker(workers).reset(task, table, reset, row, &mut obs[..task.obs_dim()]);
+                    }
+                });
+        });
+        Ok(())
+    }
+
+    fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<(), SimError> {
+        for &(env, class) in changes {
+            self.check_class(class)?;
+            self.classes[env] = class;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError> {
+        let (task, table, workers) = (&self.task, &self.table, &self.workers);
+        let nu = task.layout().nu;
+        expect_len("actions", actions.len(), self.classes.len() * nu)?;
+        expect_len("skip", skip.len(), self.classes.len())?;
+        let obs_dim = task.obs_dim();
+        self.pool.install(|| {
+            (
+                self.rows.par_chunks_mut(self.row),
+                self.classes.par_iter(),
+                skip.par_iter(),
+                actions.par_chunks(nu),
+                outputs.obs.data.par_chunks_mut(outputs.obs.stride),
+                outputs.rewards.par_iter_mut(),
+                outputs.terminated.par_iter_mut(),
+                outputs.forward_velocity.par_iter_mut(),
+            )
+                .into_par_iter()
+                .for_each(|(row, &class, &skip, action, obs, reward, terminated, velocity)| {
+                    if skip {
+                        return;
+                    }
+                    let mut worker = worker(workers);
+                    *velocity = worker.step(task, table, class, row, action);
+                    let signals = worker.signals(table, class, *velocity);
+                    *terminated = task.terminated(&signals);
+                    *reward = task.reward(&signals, *terminated);
+                    task.observe(&signals, &mut obs[..obs_dim]);
+                });
+        });
+        Ok(())
+    }
+
+    fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {
+        let (nq, nv) = (self.task.layout().nq, self.task.layout().nv);
+        expect_len("qpos", qpos.len(), self.num_envs() * nq)?;
+        expect_len("qvel", qvel.len(), self.num_envs() * nv)?;
+        let mut worker = self.workers[0].lock().unwrap_or_else(PoisonError::into_inner);
+        let rows = self.rows.chunks_exact(self.row).zip(&self.classes);
+        for (((row, &class), qpos), qvel) in rows.zip(qpos.chunks_exact_mut(nq)).zip(qvel.chunks_exact_mut(nv)) {
+            worker.load(&self.table, class, row);
+            qpos.copy_from_slice(worker.qpos());
+            qvel.copy_from_slice(worker.qvel());
+        }
+        Ok(())
+    }
+
+    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError> {
+        let (task, table, workers) = (&self.task, &self.table, &self.workers);
+        let (nq, nv) = (task.layout().nq, task.layout().nv);
+        expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
+        expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
+        self.pool.install(|| {
+            (
+                self.rows.par_chunks_mut(self.row),
+                self.classes.par_iter(),
+                qpos.par_chunks(nq),
+                qvel.par_chunks(nv),
+                obs.data.par_chunks_mut(obs.stride),
+            )
+                .into_par_iter()
+                .for_each(|(row, &class, qpos, qvel, obs)| {
+                    worker(workers).set_state(task, table, class, (qpos, qvel), row, &mut obs[..task.obs_dim()]);
+                });
+        });
+        Ok(())
+    }
+
+    fn snapshot(&self) -> BackendSnapshot {
+        BackendSnapshot { row: self.row, rows: self.rows.clone(), classes: self.classes.clone() }
+    }
+
+    fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {
+        let same_size = snapshot.row == self.row
+            && snapshot.rows.len() == self.rows.len()
+            && snapshot.classes.len() == self.classes.len();
+        if !same_size {
+            return Err(SimError::Snapshot(format!(
+                "it holds {} envs with {} numbers each, this backend has {} envs with {}",
+                snapshot.classes.len(),
+                snapshot.row,
+                self.classes.len(),
+                self.row
+            )));
+        }
+        for &class in &snapshot.classes {
+            self.check_class(class)?;
+        }
+        self.rows.copy_from_slice(&snapshot.rows);
+        self.classes.copy_from_slice(&snapshot.classes);
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! One thread's `mjData`: the only place that calls libmujoco.
+
+use super::library::{Data, MujocoLibrary};
+use super::table::{Field, ModelTable, WorkerFields};
+use crate::backend::Reset;
+use crate::error::SimError;
+use crate::rng::{Purpose, Stream};
+use crate::terms::{Signals, Task};
+
+/// An `mjData` that stands for one env at a time.
+pub(super) struct Worker {
+    library: MujocoLibrary,
+    fields: WorkerFields,
+    state_size: usize,
+}
+
+// SAFETY: a worker is the only user of its mjData (contract of `WorkerFields::new`), and libmujoco keeps no
+// thread-local state about it.
+unsafe impl Send for Worker {}
+
+impl Worker {
+    pub(super) fn new(library: MujocoLibrary, fields: WorkerFields, table: &ModelTable) -> Result<Self, SimError> {
+        // SAFETY: the model is valid (contract of `ModelTable::new`).
+        let size = unsafe { (library.state_size)(table.model(0), table.state_spec) };
+        let state_size = usize::try_from(size)
+            .map_err(|_| SimError::Config(format!("MuJoCo reports a state of {size} numbers")))?;
+        Ok(Self { library, fields, state_size })
+    }
+
+    /// Numbers in MuJoCo's part of a state row.
+    pub(super) fn state_size(&self) -> usize {
+        self.state_size
+    }
+
+    pub(super) fn qpos(&self) -> &[f64] {
+        view(self.fields.qpos)
+    }
+
+    pub(super) fn qvel(&self) -> &[f64] {
+        view(self.fields.qvel)
+    }
+
+    fn data(&self) -> Data {
+        self.fields.data
+    }
+
+    /// Position of the main body along x as of the last physics evaluation, as Gymnasium reads it.
+    fn main_body_x(&self) -> f64 {
+        view(self.fields.main_body_xpos)[0]
+    }
+
+    /// Makes the data stand for the env whose state is `row`.
+    pub(super) fn load(&mut self, table: &ModelTable, class: usize, row: &[f64]) {
+        // SAFETY: model and data are valid and of equal sizes; the row holds `state_size` numbers.
+        unsafe { (self.library.set_state)(table.model(class), self.data(), row.as_ptr(), table.state_spec) };
+    }
+
+    fn store(&mut self, table: &ModelTable, class: usize, row: &mut [f64]) {
+        // SAFETY: as in `load`.
+        unsafe { (self.library.get_state)(table.model(class), self.data(), row.as_mut_ptr(), table.state_spec) };
+        row[self.state_size] = self.main_body_x();
+    }
+
+    /// Starts an episode: reference pose plus noise, forces at rest.
+    pub(super) fn reset(&mut self, task: &Task, table: &ModelTable, reset: &Reset, row: &mut [f64], obs: &mut [f32]) {
+        self.clear(table, reset.class);
+        let mut stream = Stream::new(reset.key, reset.episode, Purpose::InitialState);
+        for position in view_mut(self.fields.qpos) {
+            *position += task.reset.qpos_noise * (2.0 * stream.uniform() - 1.0);
+        }
+        for velocity in view_mut(self.fields.qvel) {
+            *velocity += task.reset.qvel_noise * stream.normal();
+        }
+        self.begin(task, table, reset.class, row, obs);
+    }
+
+    /// Starts an episode from given positions and velocities.
+    pub(super) fn set_state(
+        &mut self,
+        task: &Task,
+        table: &ModelTable,
+        class: usize,
+        (qpos, qvel): (&[f64], &[f64]),
+        row: &mut [f64],
+        obs: &mut [f32],
+    ) {
+        self.clear(table, class);
+        view_mut(self.fields.qpos).copy_from_slice(qpos);
+        view_mut(self.fields.qvel).copy_from_slice(qvel);
+        self.begin(task, table, class, row, obs);
+    }
+
+    fn clear(&mut self, table: &ModelTable, class: usize) {
+        // SAFETY: model and data are valid and of equal sizes.
+        unsafe { (self.library.reset_data)(table.model(class), self.data()) };
+    }
+
+    fn begin(&mut self, task: &Task, table: &ModelTable, class: usize, row: &mut [f64], obs: &mut [f32]) {
+        // SAFETY: model and data are valid and of equal sizes.
+        unsafe { (self.library.forward)(table.model(class), self.data()) };
+        self.store(table, class, row);
+        task.observe(&self.signals(table, class, 0.0), obs);
+    }
+
+    /// Advances the env by one env step and returns its forward velocity, m/s.
+    pub(super) fn step(
+        &mut self,
+        task: &Task,
+        table: &ModelTable,
+        class: usize,
+        row: &mut [f64],
+        action: &[f32],
+    ) -> f64 {
+        self.load(table, class, row);
+        for (ctrl, action) in view_mut(self.fields.ctrl).iter_mut().zip(action) {
+            *ctrl = task.action_scale * f64::from(action.clamp(-1.0, 1.0));
+        }
+        let (model, data) = (table.model(class), self.data());
+        for _ in 0..task.frame_skip {
+            // SAFETY: model and data are valid and of equal sizes.
+            unsafe { (self.library.step)(model, data) };
+        }
+        // SAFETY: as above. MuJoCo computes cfrc_ext on demand only.
+        unsafe { (self.library.rne_post_constraint)(model, data) };
+        let before = row[self.state_size];
+        self.store(table, class, row);
+        (self.main_body_x() - before) / task.dt()
+    }
+
+    /// What the last evaluation left in the data.
+    pub(super) fn signals<'a>(&'a self, table: &'a ModelTable, class: usize, forward_velocity: f64) -> Signals<'a> {
+        Signals {
+            qpos: self.qpos(),
+            qvel: self.qvel(),
+            ctrl: view(self.fields.ctrl),
+            cfrc_ext: view(self.fields.cfrc_ext),
+            sensordata: view(self.fields.sensordata),
+            forward_velocity,
+            muted_touch: table.muted_touch(class),
+        }
+    }
+}
+
+fn view<'a>(field: Field) -> &'a [f64] {
+    if field.len == 0 {
+        return &[];
+    }
+    // SAFETY: the field is an array of the worker's mjData (contract of `WorkerFields::new`), aligned by
+    // MuJoCo's allocator; callers tie the lifetime to `&self`.
+    unsafe { std::slice::from_raw_parts(field.address as *const f64, field.len) }
+}
+
+fn view_mut<'a>(field: Field) -> &'a mut [f64] {
+    if field.len == 0 {
+        return &mut [];
+    }
+    // SAFETY: as in `view`; callers hold `&mut self` and no other view of the field.
+    unsafe { std::slice::from_raw_parts_mut(field.address as *mut f64, field.len) }
+}

@@ -1,0 +1,10 @@
+//! Damages, damage classes and the space of all classes of a robot.
+//!
+//! Rust knows damage types only by name: what a type does to the robot is an edit of its MJCF
+//! (`python/dappo_batch/damage`), compiled once per class.
+
+mod class;
+mod space;
+
+pub use class::{Damage, DamageClass};
+pub use space::DamageSpace;

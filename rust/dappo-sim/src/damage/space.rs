@@ -1,0 +1,256 @@
+//! All damage classes of a robot in canonical order, and the specifications that name them.
+
+use super::class::{Damage, DamageClass, group};
+use crate::error::SimError;
+
+/// The classes of `limbs` limbs with at most `max_damaged_limbs` of them damaged, one type each.
+///
+/// Canonical order: number of damages, then limbs (lexicographic), then types (lexicographic).
+#[derive(Debug, Clone)]
+pub struct DamageSpace {
+    limbs: usize,
+    types: Vec<String>,
+    max_damaged_limbs: usize,
+    classes: Vec<DamageClass>,
+}
+
+/// A guard against a mistyped parameter, not a limit of the method: each class is a compiled model.
+const MAX_CLASSES: u128 = 100_000;
+
+impl DamageSpace {
+    /// Enumerates the classes.
+    pub fn new(limbs: usize, types: Vec<String>, max_damaged_limbs: usize) -> Result<Self, SimError> {
+        if limbs == 0 {
+            return Err(SimError::Config("a robot needs at least one limb, got 0".into()));
+        }
+        if max_damaged_limbs > limbs {
+            return Err(SimError::Config(format!(
+                "max_damaged_limbs is {max_damaged_limbs}, but the robot has {limbs} limbs"
+            )));
+        }
+        if max_damaged_limbs > 0 && types.is_empty() {
+            return Err(SimError::Config("max_damaged_limbs is above 0, but there are no damage types".into()));
+        }
+        for (index, name) in types.iter().enumerate() {
+            if types[..index].contains(name) {
+                return Err(SimError::Config(format!("damage type `{name}` is listed twice")));
+            }
+        }
+        let count = count_classes(limbs, types.len(), max_damaged_limbs);
+        if count > MAX_CLASSES {
+            return Err(SimError::Config(format!(
+                "{limbs} limbs, {} damage types and up to {max_damaged_limbs} damaged limbs make {count} classes, \
+                 at most {MAX_CLASSES} are possible",
+                types.len()
+            )));
+        }
+        let mut space = Self { limbs, types, max_damaged_limbs, classes: Vec::with_capacity(count as usize) };
+        for size in 0..=max_damaged_limbs {
+            for chosen in combinations(limbs, size) {
+                for kinds in products(space.types.len(), size) {
+                    let damages = chosen.iter().zip(&kinds).map(|(&limb, &kind)| Damage { limb, kind }).collect();
+                    space.push(damages);
+                }
+            }
+        }
+        Ok(space)
+    }
+
+    fn push(&mut self, damages: Vec<Damage>) {
+        let name = if damages.is_empty() {
+            "healthy".to_owned()
+        } else {
+            damages.iter().map(|d| format!("{}@{}", self.types[d.kind], d.limb)).collect::<Vec<_>>().join("+")
+        };
+        let group = group(&damages, self.limbs);
+        self.classes.push(DamageClass { id: self.classes.len(), damages, name, group });
+    }
+
+    /// Number of limbs.
+    #[must_use]
+    pub fn limbs(&self) -> usize {
+        self.limbs
+    }
+
+    /// Names of the damage types.
+    #[must_use]
+    pub fn types(&self) -> &[String] {
+        &self.types
+    }
+
+    /// Largest number of damaged limbs.
+    #[must_use]
+    pub fn max_damaged_limbs(&self) -> usize {
+        self.max_damaged_limbs
+    }
+
+    /// All classes; the index is the class id.
+    #[must_use]
+    pub fn classes(&self) -> &[DamageClass] {
+        &self.classes
+    }
+
+    /// Length of a damage code: limbs × types.
+    #[must_use]
+    pub fn code_length(&self) -> usize {
+        self.limbs * self.types.len()
+    }
+
+    /// The codes of all classes, row by row.
+    ///
+    /// # Shapes
+    /// - output: `[classes, code_length]`
+    #[must_use]
+    pub fn codes(&self) -> Vec<f32> {
+        self.classes.iter().flat_map(|class| class.code(self.limbs, self.types.len())).collect()
+    }
+
+    /// The class that a specification names: `healthy`, `jammed_joint@0`,
+    /// `missing_toe@1+jammed_joint@3` (any order) or a class id.
+    pub fn parse(&self, spec: &str) -> Result<usize, SimError> {
+        let text = spec.trim();
+        if let Ok(id) = text.parse::<usize>() {
+            return if id < self.classes.len() {
+                Ok(id)
+            } else {
+                Err(SimError::Config(format!(
+                    "damage class {id} does not exist; the classes are 0 to {}",
+                    self.classes.len() - 1
+                )))
+            };
+        }
+        let mut damages = Vec::new();
+        if text != "healthy" {
+            for part in text.split('+') {
+                damages.push(self.parse_damage(part.trim(), spec)?);
+            }
+        }
+        damages.sort_unstable();
+        if let Some(pair) = damages.windows(2).find(|pair| pair[0].limb == pair[1].limb) {
+            return Err(SimError::Config(format!("`{spec}` damages limb {} twice; a limb has one damage", pair[0].limb)));
+        }
+        self.classes.iter().find(|class| class.damages == damages).map(|class| class.id).ok_or_else(|| {
+            SimError::Config(format!(
+                "`{spec}` damages {} limbs, the class table holds at most {}",
+                damages.len(),
+                self.max_damaged_limbs
+            ))
+        })
+    }
+
+    fn parse_damage(&self, part: &str, spec: &str) -> Result<Damage, SimError> {
+        let bad = |why: String| {
+            SimError::Config(format!(
+                "cannot read the damage `{spec}`: {why}; write `healthy`, a class id from 0 to {}, or damages like `{}@0` \
+                 joined by `+`",
+                self.classes.len() - 1,
+                self.types.first().map_or("type", String::as_str),
+            ))
+        };
+        let (name, limb) = part.split_once('@').ok_or_else(|| bad(format!("`{part}` has no `@limb`")))?;
+        let kind = self.types.iter().position(|known| known == name).ok_or_else(|| {
+            bad(format!("`{name}` is no damage type of this robot (it has {})", self.types.join(", ")))
+        })?;
+        let limb = limb
+            .parse::<usize>()
+            .ok()
+            .filter(|&limb| limb < self.limbs)
+            .ok_or_else(|| bad(format!("`{limb}` is no limb, limbs are 0 to {}", self.limbs - 1)))?;
+        Ok(Damage { limb, kind })
+    }
+}
+
+/// Σ_{j=0..m} kʲ·C(n, j), the number of classes in Verma et al. (2019).
+fn count_classes(limbs: usize, types: usize, max_damaged: usize) -> u128 {
+    let mut term: u128 = 1;
+    let mut total: u128 = 1;
+    for j in 0..max_damaged {
+        term = term.saturating_mul((limbs - j) as u128) / (j as u128 + 1);
+        total = total.saturating_add(term.saturating_mul((types as u128).saturating_pow(j as u32 + 1)));
+    }
+    total
+}
+
+/// All `size`-subsets of 0..n in lexicographic order.
+fn combinations(n: usize, size: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![vec![]];
+    for _ in 0..size {
+        all = all
+            .into_iter()
+            .flat_map(|prefix: Vec<usize>| {
+                let first = prefix.last().map_or(0, |last| last + 1);
+                (first..n).map(move |next| [&prefix[..], &[next]].concat())
+            })
+            .collect();
+    }
+    all
+}
+
+/// All sequences of length `size` over 0..n in lexicographic order.
+fn products(n: usize, size: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![vec![]];
+    for _ in 0..size {
+        all = all
+            .into_iter()
+            .flat_map(|prefix: Vec<usize>| (0..n).map(move |next| [&prefix[..], &[next]].concat()))
+            .collect();
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn space(limbs: usize, types: usize, max: usize) -> DamageSpace {
+        let names = ["jammed_joint", "missing_toe", "weak_motor"];
+        DamageSpace::new(limbs, names[..types].iter().map(ToString::to_string).collect(), max).unwrap()
+    }
+
+    #[test]
+    fn the_number_of_classes_is_that_of_the_paper() {
+        let count = |n, k, m| space(n, k, m).classes().len();
+        assert_eq!(count(4, 2, 2), 33);
+        assert_eq!(count(6, 2, 2), 73);
+        assert_eq!(count(6, 2, 3), 233);
+        assert_eq!(count(6, 3, 6), 4096);
+        assert_eq!(count_classes(6, 3, 6), 4096);
+    }
+
+    #[test]
+    fn every_class_is_found_by_its_name_and_by_its_id() {
+        let space = space(6, 2, 3);
+        for class in space.classes() {
+            assert_eq!(space.parse(&class.name).unwrap(), class.id);
+            assert_eq!(space.parse(&class.id.to_string()).unwrap(), class.id);
+        }
+        assert_eq!(space.parse("missing_toe@3 + jammed_joint@1").unwrap(), space.parse("jammed_joint@1+missing_toe@3").unwrap());
+    }
+
+    #[test]
+    fn a_wrong_specification_says_what_is_wrong_and_what_exists() {
+        let space = space(4, 2, 2);
+        for (spec, part) in [
+            ("jam@0", "`jam` is no damage type"),
+            ("jammed_joint@4", "limbs are 0 to 3"),
+            ("jammed_joint", "no `@limb`"),
+            ("33", "the classes are 0 to 32"),
+            ("jammed_joint@0+missing_toe@0", "damages limb 0 twice"),
+            ("jammed_joint@0+jammed_joint@1+jammed_joint@2", "at most 2"),
+            ("", "no `@limb`"),
+        ] {
+            let message = space.parse(spec).unwrap_err().to_string();
+            assert!(message.contains(part), "`{spec}` gave: {message}");
+        }
+    }
+
+    #[test]
+    fn impossible_spaces_are_refused() {
+        let types = || vec!["jammed_joint".to_owned()];
+        assert!(DamageSpace::new(0, types(), 0).is_err());
+        assert!(DamageSpace::new(4, types(), 5).is_err());
+        assert!(DamageSpace::new(4, vec![], 1).is_err());
+        assert!(DamageSpace::new(4, [types(), types()].concat(), 1).is_err());
+        assert!(DamageSpace::new(64, types(), 64).is_err());
+    }
+}

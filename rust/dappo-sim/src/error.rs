@@ -1,0 +1,60 @@
+//! What can go wrong in a simulation. Every message says what, what was got and what was expected.
+
+use thiserror::Error;
+
+/// Errors of this crate.
+#[derive(Debug, Error)]
+pub enum SimError {
+    /// A robot file, damage specification or option that cannot be used.
+    #[error("{0}")]
+    Config(String),
+
+    /// An array of the wrong length.
+    #[error("{what} has {got} entries, expected {expected}")]
+    Shape {
+        /// Name of the argument.
+        what: &'static str,
+        /// Length received.
+        got: usize,
+        /// Length required.
+        expected: usize,
+    },
+
+    /// An action that is NaN or infinite.
+    #[error("the action of env {env} is not finite (component {component} is {value}); check the policy's output")]
+    NonFiniteAction {
+        /// Index of the env.
+        env: usize,
+        /// Index of the action component.
+        component: usize,
+        /// The offending value.
+        value: f32,
+    },
+
+    /// libmujoco could not be loaded or lacks a function.
+    #[error("cannot use the MuJoCo library {path}: {reason}; reinstall the `mujoco` package")]
+    Library {
+        /// Path of the shared library.
+        path: String,
+        /// What the dynamic loader said.
+        reason: String,
+    },
+
+    /// A worker pool could not be started.
+    #[error("cannot start {threads} worker threads: {reason}")]
+    Threads {
+        /// Number of threads asked for.
+        threads: usize,
+        /// What the operating system said.
+        reason: String,
+    },
+
+    /// A saved env state that belongs to another env.
+    #[error("cannot restore the env state: {0}")]
+    Snapshot(String),
+}
+
+/// Checks the length of a slice.
+pub(crate) fn expect_len(what: &'static str, got: usize, expected: usize) -> Result<(), SimError> {
+    if got == expected { Ok(()) } else { Err(SimError::Shape { what, got, expected }) }
+}

@@ -1,0 +1,28 @@
+//! Batched simulation of damage-randomised robots.
+//!
+//! The data flows from top to bottom:
+//!
+//! ```text
+//! robot (TOML) ─ damage space ─ class distribution
+//!        └──────────┬───────────────┘
+//!   backend: reset / set_classes / step      one compiled model per damage class
+//!        └── terms: observation, reward, termination
+//!   vector env: time limit, autoreset, damage draw, onset, final_obs
+//! ```
+//!
+//! This crate knows numbers and damage classes; it knows no Python, no learner and no screen.
+
+pub mod backend;
+pub mod curriculum;
+pub mod damage;
+mod error;
+pub mod rng;
+pub mod robot;
+pub mod terms;
+pub mod vector_env;
+
+pub use backend::{Backend, Layout, Reset, StepOutputs};
+pub use damage::{Damage, DamageClass, DamageSpace};
+pub use error::SimError;
+pub use robot::Robot;
+pub use vector_env::{Autoreset, VectorEnv, VectorEnvConfig};

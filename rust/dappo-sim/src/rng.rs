@@ -1,0 +1,171 @@
+//! Philox4x32-10: random numbers as a pure function of (key, episode, purpose, index).
+//!
+//! A counter-based generator has no state to hand around, so a result cannot depend on the number of
+//! threads, the order of resets or the backend. Source: Salmon et al., "Parallel random numbers: as
+//! easy as 1, 2, 3", SC 2011; the tests hold the vectors published with Random123.
+
+const MULTIPLIERS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
+const WEYL: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
+const ROUNDS: usize = 10;
+
+/// One block of four random words.
+#[must_use]
+pub fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+    for round in 0..ROUNDS {
+        if round > 0 {
+            key = [key[0].wrapping_add(WEYL[0]), key[1].wrapping_add(WEYL[1])];
+        }
+        let p0 = u64::from(MULTIPLIERS[0]) * u64::from(counter[0]);
+        let p1 = u64::from(MULTIPLIERS[1]) * u64::from(counter[2]);
+        counter = [
+            (p1 >> 32) as u32 ^ counter[1] ^ key[0],
+            p1 as u32,
+            (p0 >> 32) as u32 ^ counter[3] ^ key[1],
+            p0 as u32,
+        ];
+    }
+    counter
+}
+
+/// What a stream of random numbers is for. Streams of different purposes never share a block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Purpose {
+    /// Noise of the initial state of an episode.
+    InitialState = 0,
+    /// The damage class of an episode.
+    DamageClass = 1,
+    /// The step at which the damage strikes.
+    Onset = 2,
+    /// Exploration noise of the policy.
+    ActionNoise = 3,
+    /// Initial weights of a network.
+    Weights = 4,
+    /// Order of the samples in an epoch.
+    Shuffle = 5,
+    /// Keys of the envs of a training or evaluation run.
+    EnvKeys = 6,
+    /// Substituted damage codes in evaluations.
+    DamageCode = 7,
+}
+
+/// A stream of random numbers: `key` names the run or env, `episode` the episode (or iteration).
+#[derive(Debug, Clone)]
+pub struct Stream {
+    key: [u32; 2],
+    episode: u64,
+    purpose: Purpose,
+    block: u32,
+    buffer: [u32; 4],
+    used: usize,
+    spare_normal: Option<f64>,
+}
+
+impl Stream {
+    /// Opens the stream at its beginning.
+    #[must_use]
+    pub fn new(key: u64, episode: u64, purpose: Purpose) -> Self {
+        let key = [key as u32, (key >> 32) as u32];
+        Self { key, episode, purpose, block: 0, buffer: [0; 4], used: 4, spare_normal: None }
+    }
+
+    /// The next 32 random bits.
+    pub fn next_u32(&mut self) -> u32 {
+        if self.used == 4 {
+            let episode = [self.episode as u32, (self.episode >> 32) as u32];
+            self.buffer = philox4x32([self.block, self.purpose as u32, episode[0], episode[1]], self.key);
+            self.block = self.block.wrapping_add(1);
+            self.used = 0;
+        }
+        self.used += 1;
+        self.buffer[self.used - 1]
+    }
+
+    /// The next 64 random bits.
+    pub fn next_u64(&mut self) -> u64 {
+        u64::from(self.next_u32()) | u64::from(self.next_u32()) << 32
+    }
+
+    /// Uniform in [0, 1) with 53 random bits.
+    pub fn uniform(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Uniform integer in [0, `bound`); 0 when `bound` is 0. The bias is below 2⁻³² · bound.
+    pub fn below(&mut self, bound: u64) -> u64 {
+        ((u128::from(self.next_u64()) * u128::from(bound)) >> 64) as u64
+    }
+
+    /// Standard normal by Box and Muller (1958).
+    pub fn normal(&mut self) -> f64 {
+        if let Some(spare) = self.spare_normal.take() {
+            return spare;
+        }
+        // 1 − u lies in (0, 1], so that the logarithm is finite.
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        let (sin, cos) = (std::f64::consts::TAU * self.uniform()).sin_cos();
+        self.spare_normal = Some(radius * sin);
+        radius * cos
+    }
+}
+
+/// Independent keys for `count` envs of one run.
+#[must_use]
+pub fn env_keys(seed: u64, count: usize) -> Vec<u64> {
+    let mut stream = Stream::new(seed, 0, Purpose::EnvKeys);
+    (0..count).map(|_| stream.next_u64()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn philox_equals_the_vectors_published_with_random123() {
+        // kat_vectors of Random123, lines "philox4x32 10".
+        let ones = u32::MAX;
+        assert_eq!(philox4x32([0; 4], [0; 2]), [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]);
+        assert_eq!(philox4x32([ones; 4], [ones; 2]), [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]);
+        assert_eq!(
+            philox4x32([0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344], [0xa409_3822, 0x299f_31d0]),
+            [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]
+        );
+    }
+
+    #[test]
+    fn uniforms_and_normals_have_the_moments_of_their_distributions() {
+        let count = 200_000;
+        let mut stream = Stream::new(7, 0, Purpose::InitialState);
+        let moments = |draws: &[f64]| {
+            let mean = draws.iter().sum::<f64>() / count as f64;
+            (mean, draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count as f64)
+        };
+        let (mean, variance) = moments(&(0..count).map(|_| stream.uniform()).collect::<Vec<_>>());
+        assert!((mean - 0.5).abs() < 4.0 * (1.0_f64 / 12.0 / count as f64).sqrt(), "mean {mean}");
+        assert!((variance - 1.0 / 12.0).abs() < 1e-3, "variance {variance}");
+        let (mean, variance) = moments(&(0..count).map(|_| stream.normal()).collect::<Vec<_>>());
+        assert!(mean.abs() < 4.0 / (count as f64).sqrt(), "mean {mean}");
+        assert!((variance - 1.0).abs() < 4.0 * (2.0 / count as f64).sqrt(), "variance {variance}");
+    }
+
+    #[test]
+    fn integers_below_a_bound_are_uniform() {
+        let mut stream = Stream::new(3, 1, Purpose::DamageClass);
+        let mut counts = [0_u32; 33];
+        for _ in 0..33_000 {
+            counts[stream.below(33) as usize] += 1;
+        }
+        let chi_square: f64 = counts.iter().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
+        // 99.9 % quantile of χ² with 32 degrees of freedom (scipy.stats.chi2.ppf(.999, 32)).
+        assert!(chi_square < 62.487, "χ² = {chi_square}");
+    }
+
+    #[test]
+    fn streams_of_different_purpose_episode_or_key_differ() {
+        let first = |key, episode, purpose| Stream::new(key, episode, purpose).next_u64();
+        let base = first(1, 2, Purpose::InitialState);
+        assert_ne!(base, first(2, 2, Purpose::InitialState));
+        assert_ne!(base, first(1, 3, Purpose::InitialState));
+        assert_ne!(base, first(1, 2, Purpose::DamageClass));
+    }
+}

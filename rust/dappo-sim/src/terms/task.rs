@@ -1,0 +1,80 @@
+//! The task of a robot: its observation, reward and termination, applied to one env at a time.
+
+use super::Signals;
+use crate::backend::Layout;
+use crate::error::SimError;
+use crate::robot::{ResetNoise, RewardFunction, Robot, Termination};
+use crate::terms::ObservationTerm;
+
+/// Everything that turns physics into what a learner sees.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// Physics substeps an env step.
+    pub frame_skip: usize,
+    /// ctrl = `action_scale` · clip(action, ±1).
+    pub action_scale: f64,
+    /// Noise of the initial state.
+    pub reset: ResetNoise,
+    observation: Vec<ObservationTerm>,
+    reward: RewardFunction,
+    termination: Termination,
+    layout: Layout,
+}
+
+impl Task {
+    /// The task of `robot` with the reward of this name (the robot's default for `None`).
+    pub fn new(robot: &Robot, layout: &Layout, reward: Option<&str>) -> Result<Self, SimError> {
+        Ok(Self {
+            frame_skip: robot.frame_skip,
+            action_scale: robot.action_scale,
+            reset: robot.reset,
+            observation: robot.observation.terms.clone(),
+            reward: robot.reward(reward)?.clone(),
+            termination: robot.termination,
+            layout: layout.clone(),
+        })
+    }
+
+    /// Sizes and addresses of the compiled robot.
+    #[must_use]
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Length of the observation, without a damage code.
+    #[must_use]
+    pub fn obs_dim(&self) -> usize {
+        self.observation.iter().map(|term| term.len(&self.layout)).sum()
+    }
+
+    /// Duration of an env step, s.
+    #[must_use]
+    pub fn dt(&self) -> f64 {
+        self.layout.timestep * self.frame_skip as f64
+    }
+
+    /// Writes the observation into `out`, `[obs_dim]`.
+    pub fn observe(&self, signals: &Signals, out: &mut [f32]) {
+        let mut rest = out;
+        for term in &self.observation {
+            let (block, tail) = rest.split_at_mut(term.len(&self.layout));
+            term.write(signals, &self.layout, block);
+            rest = tail;
+        }
+    }
+
+    /// Whether the episode has failed: the root is too low or too high, or a state is not finite.
+    #[must_use]
+    pub fn terminated(&self, signals: &Signals) -> bool {
+        let [low, high] = self.termination.height;
+        let height = signals.qpos[2];
+        let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        !(height >= low && height <= high && finite(signals.qpos) && finite(signals.qvel))
+    }
+
+    /// The reward of a step.
+    #[must_use]
+    pub fn reward(&self, signals: &Signals, terminated: bool) -> f64 {
+        self.reward.terms.iter().map(|term| term.value(signals, &self.layout, terminated)).sum()
+    }
+}

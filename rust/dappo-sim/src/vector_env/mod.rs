@@ -1,0 +1,331 @@
+//! The vector env: N episodes with damage draws, onset, time limit and autoreset, over any backend.
+
+mod autoreset;
+mod episode;
+mod snapshot;
+
+use crate::backend::{Backend, ObsRows, Reset, StepOutputs};
+use crate::curriculum::ClassDistribution;
+use crate::damage::DamageSpace;
+use crate::error::{SimError, expect_len};
+
+pub use autoreset::Autoreset;
+pub use episode::Onset;
+use episode::{Episode, EpisodeStart};
+pub use snapshot::VectorEnvSnapshot;
+
+/// How episodes begin and end.
+#[derive(Debug, Clone)]
+pub struct VectorEnvConfig {
+    /// Random key of each env; episode e of an env is a function of (key, e).
+    pub keys: Vec<u64>,
+    /// Whether the damage code follows the observation (true = DA-PPO, false = PPO-Unaware).
+    pub observe_damage: bool,
+    /// What happens at the end of an episode.
+    pub autoreset: Autoreset,
+    /// Steps after which an episode is truncated.
+    pub max_episode_steps: usize,
+    /// Probabilities of the damage classes.
+    pub classes: ClassDistribution,
+    /// When the damage strikes.
+    pub onset: Onset,
+}
+
+/// What an explicit reset fixes; `None` leaves it to the env's streams.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ResetOptions<'a> {
+    /// New random keys, `[N]`; episodes count from 0 again.
+    pub keys: Option<&'a [u64]>,
+    /// Envs to reset, `[N]`; all for `None`.
+    pub mask: Option<&'a [bool]>,
+    /// Damage class of each env, `[N]`; `None` entries are drawn.
+    pub classes: Option<&'a [Option<usize>]>,
+    /// Step at which each env's damage strikes, `[N]`; `None` entries are drawn.
+    pub onsets: Option<&'a [Option<usize>]>,
+}
+
+/// What the last step or reset left, one entry an env.
+#[derive(Debug, Clone, Default)]
+pub struct Buffers {
+    /// Observations, the damage code included, `[N, obs_dim]`.
+    pub obs: Vec<f32>,
+    /// Rewards, `[N]`.
+    pub rewards: Vec<f64>,
+    /// Failures, `[N]`.
+    pub terminated: Vec<bool>,
+    /// Time limits, `[N]`.
+    pub truncated: Vec<bool>,
+    /// Velocities of the main body along +x, m/s, `[N]`.
+    pub forward_velocity: Vec<f64>,
+    /// Damage class in force, `[N]`; healthy before onset.
+    pub damage_class: Vec<i64>,
+    /// Step of the episode at which the damage strikes, `[N]`.
+    pub damage_onset: Vec<i64>,
+    /// Steps done in the episode, `[N]`.
+    pub episode_step: Vec<i64>,
+    /// Same-step mode: whether an episode ended in this step, `[N]`.
+    pub final_mask: Vec<bool>,
+    /// Same-step mode: last observations of ended episodes, `[N, obs_dim]`.
+    pub final_obs: Vec<f32>,
+    /// Same-step mode: damage class at the end of ended episodes, `[N]`.
+    pub final_damage_class: Vec<i64>,
+    /// Same-step mode: damage onset of ended episodes, `[N]`.
+    pub final_damage_onset: Vec<i64>,
+    /// Same-step mode: forward velocity in the last step of ended episodes, `[N]`.
+    pub final_forward_velocity: Vec<f64>,
+}
+
+impl Buffers {
+    fn new(envs: usize, obs_dim: usize) -> Self {
+        Self {
+            obs: vec![0.0; envs * obs_dim],
+            rewards: vec![0.0; envs],
+            terminated: vec![false; envs],
+            truncated: vec![false; envs],
+            forward_velocity: vec![0.0; envs],
+            damage_class: vec![0; envs],
+            damage_onset: vec![0; envs],
+            episode_step: vec![0; envs],
+            final_mask: vec![false; envs],
+            final_obs: vec![0.0; envs * obs_dim],
+            final_damage_class: vec![0; envs],
+            final_damage_onset: vec![0; envs],
+            final_forward_velocity: vec![0.0; envs],
+        }
+    }
+}
+
+/// N damage-randomised episodes.
+pub struct VectorEnv {
+    backend: Box<dyn Backend>,
+    config: VectorEnvConfig,
+    /// Damage codes of all classes, `[classes, code_length]`.
+    codes: Vec<f32>,
+    code_length: usize,
+    obs_dim: usize,
+    episodes: Vec<Episode>,
+    buffers: Buffers,
+    started: bool,
+}
+
+impl VectorEnv {
+    /// Wraps a backend whose class table was compiled from `space`.
+    pub fn new(backend: Box<dyn Backend>, space: &DamageSpace, config: VectorEnvConfig) -> Result<Self, SimError> {
+        let envs = backend.num_envs();
+        expect_len("keys", config.keys.len(), envs)?;
+        expect_len("class weights", config.classes.len(), space.classes().len())?;
+        expect_len("class table", backend.num_classes(), space.classes().len())?;
+        config.onset.check()?;
+        if config.max_episode_steps == 0 {
+            return Err(SimError::Config("max_episode_steps must be at least 1, got 0".into()));
+        }
+        let code_length = if config.observe_damage { space.code_length() } else { 0 };
+        let obs_dim = backend.task().obs_dim() + code_length;
+        Ok(Self {
+            episodes: config.keys.iter().map(|&key| Episode::before_the_first(key)).collect(),
+            buffers: Buffers::new(envs, obs_dim),
+            codes: space.codes(),
+            backend,
+            config,
+            code_length,
+            obs_dim,
+            started: false,
+        })
+    }
+
+    /// Number of envs.
+    #[must_use]
+    pub fn num_envs(&self) -> usize {
+        self.episodes.len()
+    }
+
+    /// Length of an observation, the damage code included.
+    #[must_use]
+    pub fn obs_dim(&self) -> usize {
+        self.obs_dim
+    }
+
+    /// Length of the damage code inside the observation; 0 when damage is not observed.
+    #[must_use]
+    pub fn code_length(&self) -> usize {
+        self.code_length
+    }
+
+    /// Length of an action.
+    #[must_use]
+    pub fn action_dim(&self) -> usize {
+        self.backend.task().layout().nu
+    }
+
+    /// The backend.
+    #[must_use]
+    pub fn backend(&self) -> &dyn Backend {
+        self.backend.as_ref()
+    }
+
+    /// Results of the last step or reset.
+    #[must_use]
+    pub fn buffers(&self) -> &Buffers {
+        &self.buffers
+    }
+
+    /// Ends the env and hands over its buffers.
+    #[must_use]
+    pub fn into_buffers(self) -> Buffers {
+        self.buffers
+    }
+
+    /// Changes the class distribution from the next episode of each env on.
+    pub fn set_class_distribution(&mut self, classes: ClassDistribution) -> Result<(), SimError> {
+        expect_len("class weights", classes.len(), self.config.classes.len())?;
+        self.config.classes = classes;
+        Ok(())
+    }
+
+    /// Starts new episodes in all envs or those of a mask.
+    pub fn reset(&mut self, options: ResetOptions<'_>) -> Result<(), SimError> {
+        let envs = self.num_envs();
+        options.keys.map_or(Ok(()), |keys| expect_len("seeds", keys.len(), envs))?;
+        options.mask.map_or(Ok(()), |mask| expect_len("reset mask", mask.len(), envs))?;
+        options.classes.map_or(Ok(()), |classes| expect_len("damage classes", classes.len(), envs))?;
+        options.onsets.map_or(Ok(()), |onsets| expect_len("onsets", onsets.len(), envs))?;
+        let selected = |env: usize| options.mask.is_none_or(|mask| mask[env]);
+        if !self.started && !(0..envs).all(selected) {
+            return Err(SimError::Config("the first reset must reset every env, got a mask that leaves some out".into()));
+        }
+        let classes = self.config.classes.len();
+        if let Some(class) = options.classes.into_iter().flatten().flatten().find(|class| **class >= classes) {
+            return Err(SimError::Config(format!("damage class {class} does not exist; the classes are 0 to {}", classes - 1)));
+        }
+        let mut resets = Vec::with_capacity(envs);
+        for env in (0..envs).filter(|&env| selected(env)) {
+            if let Some(keys) = options.keys {
+                self.episodes[env] = Episode::before_the_first(keys[env]);
+            }
+            let fixed = EpisodeStart {
+                class: options.classes.and_then(|classes| classes[env]),
+                onset: options.onsets.and_then(|onsets| onsets[env]),
+            };
+            resets.push(self.begin_episode(env, fixed));
+        }
+        self.buffers.final_mask.fill(false);
+        for reset in &resets {
+            self.buffers.rewards[reset.env] = 0.0;
+            self.buffers.terminated[reset.env] = false;
+            self.buffers.truncated[reset.env] = false;
+        }
+        self.run_resets(&resets)?;
+        self.started = true;
+        Ok(())
+    }
+
+    /// Advances every env by one step.
+    ///
+    /// # Shapes
+    /// - `actions`: `[N, action_dim]`, finite, clipped to ±1
+    pub fn step(&mut self, actions: &[f32]) -> Result<(), SimError> {
+        self.check_actions(actions)?;
+        self.strike()?;
+        let pending = self.pending_resets();
+        let buffers = &mut self.buffers;
+        self.backend.step(
+            actions,
+            &pending,
+            StepOutputs {
+                obs: ObsRows { data: &mut buffers.obs, stride: self.obs_dim },
+                rewards: &mut buffers.rewards,
+                terminated: &mut buffers.terminated,
+                forward_velocity: &mut buffers.forward_velocity,
+            },
+        )?;
+        for (env, episode) in self.episodes.iter_mut().enumerate().filter(|(env, _)| !pending[*env]) {
+            episode.step += 1;
+            self.buffers.episode_step[env] = episode.step as i64;
+            // As Gymnasium's TimeLimit: a failure in the last step is both terminated and truncated.
+            self.buffers.truncated[env] = episode.step >= self.config.max_episode_steps;
+        }
+        self.autoreset(&pending)
+    }
+
+    fn check_actions(&self, actions: &[f32]) -> Result<(), SimError> {
+        if !self.started {
+            return Err(SimError::Config("the env must be reset before its first step".into()));
+        }
+        let width = self.action_dim();
+        expect_len("actions", actions.len(), self.num_envs() * width)?;
+        match actions.iter().position(|action| !action.is_finite()) {
+            None => Ok(()),
+            Some(at) => {
+                Err(SimError::NonFiniteAction { env: at / width, component: at % width, value: actions[at] })
+            }
+        }
+    }
+
+    /// Lets the damages strike whose step has come.
+    fn strike(&mut self) -> Result<(), SimError> {
+        let changes: Vec<(usize, usize)> = self
+            .episodes
+            .iter()
+            .enumerate()
+            .filter(|(_, episode)| episode.onset > 0 && episode.step == episode.onset && episode.class != 0)
+            .map(|(env, episode)| (env, episode.class))
+            .collect();
+        if changes.is_empty() {
+            return Ok(());
+        }
+        self.backend.set_classes(&changes)?;
+        for (env, class) in changes {
+            self.show_class(env, class);
+        }
+        Ok(())
+    }
+
+    /// Opens the next episode of an env and returns the reset that the backend has to do.
+    fn begin_episode(&mut self, env: usize, fixed: EpisodeStart) -> Reset {
+        let episode = &mut self.episodes[env];
+        episode.next(&self.config.classes, self.config.onset, fixed);
+        let class = episode.class_in_force();
+        let (key, number) = (episode.key, episode.number);
+        self.buffers.damage_onset[env] = episode.onset as i64;
+        self.buffers.episode_step[env] = 0;
+        self.buffers.forward_velocity[env] = 0.0;
+        self.show_class(env, class);
+        Reset { env, class, key, episode: number }
+    }
+
+    fn run_resets(&mut self, resets: &[Reset]) -> Result<(), SimError> {
+        if resets.is_empty() {
+            return Ok(());
+        }
+        self.backend.reset(resets, ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim })
+    }
+
+    /// Writes the class in force into the infos and its code into the observation.
+    fn show_class(&mut self, env: usize, class: usize) {
+        self.buffers.damage_class[env] = class as i64;
+        if self.code_length > 0 {
+            let end = (env + 1) * self.obs_dim;
+            let code = &self.codes[class * self.code_length..(class + 1) * self.code_length];
+            self.buffers.obs[end - self.code_length..end].copy_from_slice(code);
+        }
+    }
+
+    /// Positions and velocities of all envs.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
+    pub fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {
+        self.backend.state(qpos, qvel)
+    }
+
+    /// Puts every env into a given state and refreshes the observations. Episodes go on.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
+    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<(), SimError> {
+        if !self.started {
+            return Err(SimError::Config("the env must be reset before its state can be set".into()));
+        }
+        self.backend.set_state(qpos, qvel, ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim })
+    }
+}

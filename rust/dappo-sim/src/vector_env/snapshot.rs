@@ -1,0 +1,54 @@
+//! The complete state of a vector env, for checkpoints that resume exactly.
+
+use super::VectorEnv;
+use super::episode::Episode;
+use crate::backend::BackendSnapshot;
+use crate::error::{SimError, expect_len};
+
+/// Everything that the rest of a run depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VectorEnvSnapshot {
+    /// Physics.
+    pub backend: BackendSnapshot,
+    /// Key, number, step, class, onset and "ended" of every episode, `[N, 6]`.
+    pub episodes: Vec<[u64; 6]>,
+    /// Current observations, `[N, obs_dim]`.
+    pub obs: Vec<f32>,
+}
+
+impl VectorEnv {
+    /// The state between two steps.
+    #[must_use]
+    pub fn snapshot(&self) -> VectorEnvSnapshot {
+        let pack = |e: &Episode| [e.key, e.number, e.step as u64, e.class as u64, e.onset as u64, u64::from(e.ended)];
+        VectorEnvSnapshot {
+            backend: self.backend.snapshot(),
+            episodes: self.episodes.iter().map(pack).collect(),
+            obs: self.buffers.obs.clone(),
+        }
+    }
+
+    /// Goes back to a snapshot of an env of the same configuration.
+    pub fn restore(&mut self, snapshot: &VectorEnvSnapshot) -> Result<(), SimError> {
+        expect_len("saved episodes", snapshot.episodes.len(), self.num_envs())?;
+        expect_len("saved observations", snapshot.obs.len(), self.buffers.obs.len())?;
+        self.backend.restore(&snapshot.backend)?;
+        self.buffers.obs.copy_from_slice(&snapshot.obs);
+        for (env, &[key, number, step, class, onset, ended]) in snapshot.episodes.iter().enumerate() {
+            let episode = Episode {
+                key,
+                number,
+                step: step as usize,
+                class: class as usize,
+                onset: onset as usize,
+                ended: ended != 0,
+            };
+            self.episodes[env] = episode;
+            self.buffers.damage_class[env] = snapshot.backend.classes[env] as i64;
+            self.buffers.damage_onset[env] = episode.onset as i64;
+            self.buffers.episode_step[env] = episode.step as i64;
+        }
+        self.started = true;
+        Ok(())
+    }
+}
