@@ -47,8 +47,8 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     masks allow it to touch itself keeps its contacts, and so does one whose MJCF already lists pairs or
     exclusions or uses a feature of contacts that pairs cannot express.
 
-    With a single kinematic tree, MuJoCo's search for constraint islands can find only one island or none, so it
-    is switched off too.
+    With a single kinematic tree, MuJoCo's search for constraint islands can find only one island or none, so
+    it is switched off too.
 
     Parameters
     ----------

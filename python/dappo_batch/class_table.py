@@ -82,8 +82,8 @@ def compile_class_table(
     """Compile one model per damage class of a robot.
 
     Every class is an edit of the MJCF that goes through MuJoCo's compiler, so that masses, inertias and all
-    other derived numbers belong together. Floor contacts are written down as explicit pairs where that changes
-    nothing but the speed.
+    other derived numbers belong together. Floor contacts are written down as explicit pairs where that
+    changes nothing but the speed.
 
     Parameters
     ----------
@@ -179,9 +179,9 @@ def _compile_class(
     spec = base.copy()
     for limb, name in damage_class.damages:
         kinds[name].apply(spec, robot.limbs[limb], severity)
-    # After the damage, not once for all classes: damage may change what contacts are mixed from.
-    make_floor_contacts_explicit(spec)
     try:
+        # After the damage, not once for all classes: damage may change what contacts are mixed from.
+        make_floor_contacts_explicit(spec)
         return spec.compile()
     except ValueError as error:
         raise ClassTableError(
@@ -205,7 +205,7 @@ def _check_sizes(
     if different:
         raise ClassTableError(
             f"robot {robot.name}: damage class {damage_class.name} has other sizes than the healthy robot:"
-            f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts of the model"
+            f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts"
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,23 +49,29 @@ def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassT
     return tables
 
 
-def assert_identical(left: Any, right: Any, where: str = "") -> None:  # noqa: ANN401
+@pytest.fixture(scope="session")
+def assert_identical() -> Callable[..., None]:
+    """Give tests the exact comparison."""
+    return _assert_identical
+
+
+def _assert_identical(left: Any, right: Any, where: str = "") -> None:  # noqa: ANN401
     """Compare nested tuples, dicts and arrays bit for bit, types and shapes included."""
     if isinstance(left, dict):
         assert isinstance(right, dict), where
         assert sorted(left) == sorted(right), where
         for key in left:
-            assert_identical(left[key], right[key], f"{where}[{key!r}]")
+            _assert_identical(left[key], right[key], f"{where}[{key!r}]")
     elif isinstance(left, tuple):
         assert len(left) == len(right), where
         for index, (one, other) in enumerate(zip(left, right, strict=True)):
-            assert_identical(one, other, f"{where}[{index}]")
+            _assert_identical(one, other, f"{where}[{index}]")
     elif isinstance(left, np.ndarray):
         assert isinstance(right, np.ndarray), where
         assert (left.dtype, left.shape) == (right.dtype, right.shape), where
         if left.dtype == object:
             for index, (one, other) in enumerate(zip(left, right, strict=True)):
-                assert_identical(one, other, f"{where}[{index}]")
+                _assert_identical(one, other, f"{where}[{index}]")
         else:
             np.testing.assert_array_equal(left, right, err_msg=where)
     else:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from conftest import assert_identical
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
@@ -16,7 +16,7 @@ from dappo_batch import ClassTable, DamageEnv
 
 NUM_ENVS = 6
 STEPS = 90
-OPTIONS = {"onset": (0, 8), "max_episode_steps": 14}
+OPTIONS: dict[str, Any] = {"onset": (0, 8), "max_episode_steps": 14}
 
 MODES = pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name.lower())
 ROBOTS = pytest.mark.parametrize("robot", ["ant", "hexapod"])
@@ -33,7 +33,10 @@ def single_envs(table: ClassTable, mode: AutoresetMode) -> SyncVectorEnv:
 @MODES
 @ROBOTS
 def test_the_native_env_equals_a_sync_vector_env_of_single_envs_bit_for_bit(
-    nervous_tables: dict[str, ClassTable], robot: str, mode: AutoresetMode
+    assert_identical: Callable[..., None],
+    nervous_tables: dict[str, ClassTable],
+    robot: str,
+    mode: AutoresetMode,
 ) -> None:
     table = nervous_tables[robot]
     native = dappo_batch.make_vec(table, NUM_ENVS, autoreset=mode, **OPTIONS)
@@ -60,7 +63,7 @@ def test_the_native_env_equals_a_sync_vector_env_of_single_envs_bit_for_bit(
 
 @MODES
 def test_resetting_chosen_envs_in_mid_episode_equals_a_sync_vector_env(
-    ant_table: ClassTable, mode: AutoresetMode
+    assert_identical: Callable[..., None], ant_table: ClassTable, mode: AutoresetMode
 ) -> None:
     native = dappo_batch.make_vec(ant_table, NUM_ENVS, autoreset=mode, **OPTIONS)
     reference = single_envs(ant_table, mode)
@@ -81,7 +84,9 @@ def test_resetting_chosen_envs_in_mid_episode_equals_a_sync_vector_env(
 
 
 @MODES
-def test_the_registered_id_gives_the_same_native_and_as_wrapped_single_envs(mode: AutoresetMode) -> None:
+def test_the_registered_id_gives_the_same_native_and_as_wrapped_single_envs(
+    assert_identical: Callable[..., None], mode: AutoresetMode
+) -> None:
     options = {"num_envs": 2, "damage": [1, "healthy"], "reward": "gym", "max_episode_steps": 7}
     native = gymnasium.make_vec("dappo_batch/Ant-v0", autoreset=mode, **options)
     wrapped = gymnasium.make_vec(

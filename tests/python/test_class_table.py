@@ -103,9 +103,12 @@ def test_explicit_floor_contacts_carry_the_parameters_that_mujoco_mixes(
     ],
 )
 def test_mixing_follows_priority_weights_and_margins(floor: str, ball: str) -> None:
-    mjcf = f"""<mujoco><worldbody><geom type="plane" size="5 5 1" conaffinity="1" contype="0" {floor}/>
-        <body pos="0 0 0.25"><freejoint/>
-        <geom type="capsule" size="0.1 0.2" euler="30 40 0" conaffinity="0" {ball}/></body></worldbody></mujoco>"""
+    mjcf = f"""<mujoco><worldbody>
+        <geom type="plane" size="5 5 1" conaffinity="1" contype="0" {floor}/>
+        <body pos="0 0 0.25">
+          <freejoint/><geom type="capsule" size="0.1 0.2" euler="30 40 0" conaffinity="0" {ball}/>
+        </body>
+        </worldbody></mujoco>"""
     spec = mujoco.MjSpec.from_string(mjcf)
     assert make_floor_contacts_explicit(spec)
     model, reference = spec.compile(), mujoco.MjModel.from_xml_string(mjcf)

@@ -16,8 +16,8 @@ __all__ = ["DamageType"]
 class DamageType(ABC):
     """One way in which a limb can break: an edit of the MJCF before it is compiled.
 
-    A damage type never touches a compiled model: masses, inertias, bounding volumes and inverse weights depend
-    on each other, and only MuJoCo's compiler derives all of them.
+    A damage type never touches a compiled model: masses, inertias, bounding volumes and inverse weights
+    depend on each other, and only MuJoCo's compiler derives all of them.
 
     A concrete type is a frozen dataclass. Its fields are the entries of the table ``[damage.<name>]`` in a
     robot TOML; it checks their values in ``__post_init__``.

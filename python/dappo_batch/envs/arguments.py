@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -91,12 +91,16 @@ def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | N
         if not np.isfinite(weights).all() or (weights < 0.0).any():
             raise ConfigError("damage weights must be finite and not negative")
     else:
-        single = isinstance(damage, str) or np.ndim(damage) == 0
-        for spec in [damage] if single else damage:
+        for spec in _listed(damage):
             weights[class_id(space, spec)] += 1.0
     if weights.sum() <= 0.0:
         raise ConfigError(f"damage must leave at least one class to draw from, got {damage!r}")
     return weights
+
+
+def _listed(value: Any) -> list[Any]:  # noqa: ANN401
+    """Return a single value as a list of one, and any sequence as a list."""
+    return [value] if isinstance(value, str) or np.ndim(value) == 0 else list(value)
 
 
 def _holds_floats(damage: object) -> bool:
@@ -130,7 +134,7 @@ def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
 
 def fresh_keys(num_envs: int) -> NDArray[np.uint64]:
     """Return independent random stream keys of shape [N] from the operating system's entropy."""
-    return np.random.SeedSequence().generate_state(num_envs, np.uint64)
+    return np.random.SeedSequence().generate_state(num_envs, np.uint64).astype(np.uint64)
 
 
 def stream_keys(
@@ -206,16 +210,20 @@ def _reset_mask(mask: object, num_envs: int) -> NDArray[np.bool_]:
     return array
 
 
-def _per_env(value: Any, name: str, num_envs: int, convert: Any) -> NDArray[np.int64] | None:  # noqa: ANN401
+def _per_env(
+    value: Any,  # noqa: ANN401
+    name: str,
+    num_envs: int,
+    convert: Callable[[object], int],
+) -> NDArray[np.int64] | None:
     """Convert a single value or one value per env; ``None`` and `DRAW` ask the env to draw."""
     if value is None:
         return None
-    if isinstance(value, str) or np.ndim(value) == 0:
-        values = [value] * num_envs
-    else:
-        values = list(value)
-        if len(values) != num_envs:
-            raise ShapeError(f"options[{name!r}]: expected one value or {num_envs}, got {len(values)}")
+    values = _listed(value)
+    if len(values) == 1:
+        values *= num_envs
+    if len(values) != num_envs:
+        raise ShapeError(f"options[{name!r}]: expected one value or {num_envs}, got {len(values)}")
     return np.array(
         [DRAW if item is None or item == DRAW else convert(item) for item in values], dtype=np.int64
     )

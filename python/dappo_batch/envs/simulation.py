@@ -91,10 +91,10 @@ def native_env(
     )
 
 
-def spaces(core: _core.VectorEnv) -> tuple[Box, Box]:
+def spaces(core: _core.VectorEnv) -> tuple[Box[np.float32], Box[np.float32]]:
     """Return the observation space [O] and the action space [A] of one environment."""
-    observation_space = Box(-np.inf, np.inf, (core.obs_dim,), np.float32)
-    action_space = Box(-1.0, 1.0, (core.action_dim,), np.float32)
+    observation_space: Box[np.float32] = Box(-np.inf, np.inf, (core.obs_dim,), np.float32)
+    action_space: Box[np.float32] = Box(-1.0, 1.0, (core.action_dim,), np.float32)
     return observation_space, action_space
 
 

@@ -109,7 +109,7 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=seed)
         self._core.reset(seeds=keys, classes=chosen.classes, onsets=chosen.onsets)
         self._was_reset = True
-        return self._core.obs[0].copy(), self._info()
+        return self._obs(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one step.
@@ -128,8 +128,8 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         truncated : bool
             The time limit was reached; never without `max_episode_steps`.
         info : dict
-            ``damage_class`` (id in force, 0 until the onset), ``damage_onset`` (episode step),
-            ``severity``, ``forward_velocity`` (m/s).
+            ``damage_class`` (the class that acted in this step, 0 before the onset), ``damage_onset``
+            (episode step), ``severity``, ``forward_velocity`` (m/s).
 
         Raises
         ------
@@ -149,14 +149,14 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ResetNeeded("call reset before the first step")
         core.step(row[np.newaxis])
         return (
-            core.obs[0].copy(),
+            self._obs(),
             float(core.rewards[0]),
             bool(core.terminated[0]),
             bool(core.truncated[0]),
             self._info(),
         )
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the robot, shape [height, width, 3], or None without a render mode.
 
         The first picture opens MuJoCo's offscreen renderer; without a display set ``MUJOCO_GL=egl``.
@@ -190,7 +190,7 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._core.set_state(
             np.array(qpos, dtype=np.float64, ndmin=2), np.array(qvel, dtype=np.float64, ndmin=2)
         )
-        return self._core.obs[0].copy()
+        return self._obs()
 
     def close(self) -> None:
         """Free the native memory and the renderer; may be called again."""
@@ -207,6 +207,10 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _check_open(self) -> None:
         if self._closed:
             raise SimulationError("this env is closed")
+
+    def _obs(self) -> NDArray[np.float32]:
+        obs: NDArray[np.float32] = self._core.obs[0].copy()
+        return obs
 
     def _info(self) -> dict[str, Any]:
         return {

@@ -214,10 +214,11 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         truncated : array of shape [N]
             The time limit was reached.
         infos : dict
-            ``damage_class`` (id in force, 0 until the onset), ``damage_onset`` (episode step),
-            ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of shape [N] with
-            its mask ``_key``. In mode ``same_step``, where an episode ended: ``final_obs`` (objects,
-            arrays of shape [O]) and ``final_info`` (the same keys at the episode's last step).
+            ``damage_class`` (the class that acted in this step, 0 before the onset), ``damage_onset``
+            (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of
+            shape [N] with its mask ``_key``. In mode ``same_step``, where an episode ended:
+            ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the same keys at the
+            episode's last step).
 
         Raises
         ------
@@ -240,15 +241,13 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
                 f"{waiting.size} envs have ended, the first is env {waiting[0]}: with autoreset='disabled' "
                 "reset them with options={'reset_mask': ...} before the next step"
             )
-        same_step = self.autoreset_mode == AutoresetMode.SAME_STEP
-        onsets = self._core.damage_onset.copy() if same_step else None
-        self._core.step(batch)
         core = self._core
+        core.step(batch)
+        infos = self._infos(self._all_envs)
         if self.autoreset_mode == AutoresetMode.DISABLED:
             np.logical_or(core.terminated, core.truncated, out=self._ended)
-        infos = self._infos(self._all_envs)
-        if onsets is not None:
-            infos |= self._final_infos(onsets)
+        elif self.autoreset_mode == AutoresetMode.SAME_STEP:
+            infos |= self._final_infos()
         return (
             self._give(core.obs),
             self._give(core.rewards),
@@ -306,21 +305,19 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
             infos[f"_{key}"] = self._give(mask)
         return infos
 
-    def _final_infos(self, onsets: NDArray[np.int64]) -> Infos:
-        """Return ``final_obs`` and ``final_info`` of the episodes that ended in this step, if any did.
-
-        `onsets` [N] are those before the step: an env that ended has drawn its next onset by now.
-        """
+    def _final_infos(self) -> Infos:
+        """Return ``final_obs`` and ``final_info`` of the episodes that ended in this step, if any did."""
         core = self._core
         mask = core.final_mask.copy()
         if not mask.any():
             return {}
+        last = core.final_obs
         final_obs = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(mask):
-            final_obs[index] = core.final_obs[index].copy()
+            final_obs[index] = last[index].copy()
         values = {
             "damage_class": core.final_damage_class,
-            "damage_onset": onsets,
+            "damage_onset": core.final_damage_onset,
             "severity": self._severity,
             "forward_velocity": core.final_forward_velocity,
         }

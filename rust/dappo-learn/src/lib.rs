@@ -1,1 +1,26 @@
-//! x
+//! Learners for damaged robots: rollout buffers, advantages, networks and damage-aware PPO.
+//!
+//! The crate knows robots only as rows of numbers. One iteration of training reads
+//!
+//! ```text
+//! let rollout = collect(&mut env, ppo.actor_critic(), horizon)?;
+//! let targets = gae(&rollout, gamma, gae_lambda);
+//! let losses  = ppo.update(&rollout, &targets)?;
+//! ```
+//!
+//! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
+//! parallel sums are formed in an order that does not depend on the number of threads.
+
+pub mod error;
+pub mod gae;
+pub mod nn;
+pub mod normalizer;
+pub mod ppo;
+pub mod rollout;
+
+pub use error::{LearnError, Result};
+pub use gae::{Targets, gae};
+pub use nn::{ActorCritic, Decision};
+pub use normalizer::Normalizer;
+pub use ppo::{Ppo, PpoConfig, PpoLosses};
+pub use rollout::Rollout;

@@ -11,12 +11,12 @@ pub enum Autoreset {
     NextStep,
     /// The last step resets at once; its own observation is kept as `final_obs`.
     SameStep,
-    /// The caller resets.
+    /// The caller resets; an env whose episode has ended stands still until then, with reward 0.
     Disabled,
 }
 
 impl VectorEnv {
-    /// Envs whose episode ended in the previous step and which this step resets instead of stepping.
+    /// Envs whose episode has ended before this step: they are not stepped again.
     pub(super) fn pending_resets(&self) -> Vec<bool> {
         self.episodes.iter().map(|episode| episode.ended).collect()
     }
@@ -24,16 +24,15 @@ impl VectorEnv {
     /// Resets what the mode asks for, after a step.
     pub(super) fn autoreset(&mut self, pending: &[bool]) -> Result<(), SimError> {
         match self.config.autoreset {
-            Autoreset::Disabled => Ok(()),
+            Autoreset::Disabled => {
+                self.mark_ended(pending);
+                Ok(())
+            }
             Autoreset::NextStep => {
-                let due: Vec<usize> = (0..self.num_envs()).filter(|&env| pending[env]).collect();
+                let due = self.mark_ended(pending);
                 for &env in &due {
-                    self.buffers.rewards[env] = 0.0;
                     self.buffers.terminated[env] = false;
                     self.buffers.truncated[env] = false;
-                }
-                for env in (0..self.num_envs()).filter(|&env| !pending[env]) {
-                    self.episodes[env].ended = self.buffers.terminated[env] || self.buffers.truncated[env];
                 }
                 self.restart(&due)
             }
@@ -48,6 +47,17 @@ impl VectorEnv {
                 self.restart(&due)
             }
         }
+    }
+
+    /// Notes which episodes ended in this step; returns the envs that had ended before it.
+    fn mark_ended(&mut self, pending: &[bool]) -> Vec<usize> {
+        for env in 0..self.num_envs() {
+            self.episodes[env].ended = self.buffers.terminated[env] || self.buffers.truncated[env];
+            if pending[env] {
+                self.buffers.rewards[env] = 0.0;
+            }
+        }
+        (0..self.num_envs()).filter(|&env| pending[env]).collect()
     }
 
     fn restart(&mut self, envs: &[usize]) -> Result<(), SimError> {

@@ -49,7 +49,7 @@ pub(super) struct Episode {
     pub class: usize,
     /// Step at which the damage strikes.
     pub onset: usize,
-    /// Next-step mode: the episode has ended and the next step resets.
+    /// The episode has ended and the env waits for its reset.
     pub ended: bool,
 }
 

@@ -1,0 +1,145 @@
+//! Layers of a configuration: TOML tables laid over one another before they are typed.
+
+use super::Config;
+use crate::error::LearnError;
+use crate::ppo::PpoConfig;
+
+/// The configuration files that come with the program, one a robot.
+const BUILT_IN: [(&str, &str); 2] = [
+    ("ant", include_str!("../../../../configs/ant.toml")),
+    ("hexapod", include_str!("../../../../configs/hexapod.toml")),
+];
+
+/// TOML tables laid over one another; later layers win key by key.
+#[derive(Debug, Clone, Default)]
+pub struct Layers {
+    table: toml::Table,
+}
+
+impl Layers {
+    /// The file that comes with the program for this robot; nothing for other robots.
+    pub fn built_in(robot: &str) -> Result<Self, LearnError> {
+        let mut layers = Self::default();
+        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == robot) {
+            layers.add_toml(text, &format!("configs/{name}.toml"))?;
+        }
+        Ok(layers)
+    }
+
+    /// Lays a TOML text over what is there; `source` names it in errors.
+    pub fn add_toml(&mut self, text: &str, source: &str) -> Result<(), LearnError> {
+        let table: toml::Table =
+            text.parse().map_err(|error| LearnError::Invalid(format!("cannot read {source}: {error}")))?;
+        merge(&mut self.table, table);
+        Ok(())
+    }
+
+    /// Sets one value by its dotted key.
+    pub fn set(&mut self, key: &str, value: impl Into<toml::Value>) -> Result<(), LearnError> {
+        let mut table = &mut self.table;
+        let mut parts: Vec<&str> = key.split('.').collect();
+        let last = parts.pop().filter(|part| !part.is_empty());
+        let last = last.ok_or_else(|| LearnError::Invalid(format!("`{key}` is no key; expected for example ppo.gamma")))?;
+        for part in parts {
+            table = table
+                .entry(part)
+                .or_insert_with(|| toml::Value::Table(toml::Table::new()))
+                .as_table_mut()
+                .ok_or_else(|| LearnError::Invalid(format!("`{key}` cannot be set: `{part}` is a value, not a section")))?;
+        }
+        table.insert(last.to_owned(), value.into());
+        Ok(())
+    }
+
+    /// Sets one `key=value` of the command line; the value is TOML, or a plain word.
+    pub fn set_assignment(&mut self, assignment: &str) -> Result<(), LearnError> {
+        let (key, value) = assignment.split_once('=').ok_or_else(|| {
+            LearnError::Invalid(format!("`{assignment}` is no assignment; expected key=value, for example ppo.gamma=0.99"))
+        })?;
+        let parsed = format!("value = {value}").parse::<toml::Table>().ok().and_then(|mut table| table.remove("value"));
+        self.set(key.trim(), parsed.unwrap_or_else(|| toml::Value::String(value.trim().to_owned())))
+    }
+
+    /// The robot that the layers name, if any.
+    #[must_use]
+    pub fn robot(&self) -> Option<&str> {
+        self.table.get("robot").and_then(toml::Value::as_str)
+    }
+
+    /// The typed and checked configuration. `ppo.preset` chooses the values that `[ppo]` does not give.
+    pub fn resolve(mut self) -> Result<Config, LearnError> {
+        let refused = |error: toml::de::Error| LearnError::Invalid(format!("configuration refused: {error}"));
+        if let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) {
+            let name = ppo.get("preset").and_then(toml::Value::as_str).unwrap_or("paper").to_owned();
+            let preset = toml::Table::try_from(PpoConfig::preset(&name)?)
+                .map_err(|error| LearnError::Invalid(format!("cannot write the preset `{name}`: {error}")))?;
+            let given = std::mem::replace(ppo, preset);
+            merge(ppo, given);
+        }
+        let config: Config = self.table.try_into().map_err(refused)?;
+        config.check()?;
+        Ok(config)
+    }
+}
+
+fn merge(base: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn later_layers_win_key_by_key() {
+        let mut layers = Layers::default();
+        layers.add_toml("seed = 1\n[env]\nnum_envs = 8\nreward = 'gym'", "a").unwrap();
+        layers.add_toml("[env]\nnum_envs = 16", "b").unwrap();
+        layers.set_assignment("ppo.gamma=0.99").unwrap();
+        layers.set_assignment("env.physics=euler").unwrap();
+        let config = layers.resolve().unwrap();
+        assert_eq!((config.seed, config.env.num_envs), (1, 16));
+        assert_eq!(config.env.reward.as_deref(), Some("gym"));
+        assert_eq!(config.env.physics.as_deref(), Some("euler"));
+        assert!((config.ppo.gamma - 0.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_resolved_configuration_reads_back_as_itself() {
+        for robot in ["ant", "hexapod", "somebody_elses"] {
+            let config = Layers::built_in(robot).unwrap().resolve().unwrap();
+            let mut again = Layers::default();
+            again.add_toml(&config.to_toml().unwrap(), "config.toml").unwrap();
+            assert_eq!(again.resolve().unwrap(), config);
+        }
+    }
+
+    #[test]
+    fn unknown_keys_and_impossible_values_are_refused() {
+        for (text, part) in [
+            ("sead = 1", "sead"),
+            ("[env]\nnum_env = 3", "num_env"),
+            ("[env]\nnum_envs = 0", "env.num_envs"),
+            ("[ppo]\nprest = 'paper'", "prest"),
+            ("[ppo]\npreset = 'papre'", "papre"),
+            ("[damage]\nseverity = 1.5", "severity"),
+            ("curriculum = []", "curriculum"),
+            ("[env]\nbackend = 'brax'", "brax"),
+            ("seed = 'one'", "seed"),
+        ] {
+            let mut layers = Layers::default();
+            layers.add_toml(text, "test").unwrap();
+            let message = layers.resolve().unwrap_err().to_string();
+            assert!(message.contains(part), "{text} gave: {message}");
+        }
+        assert!(Layers::default().set_assignment("seed").is_err());
+        assert!(Layers::default().set("", 1).is_err());
+    }
+}

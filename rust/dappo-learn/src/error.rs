@@ -1,0 +1,83 @@
+//! What can go wrong while learning. Every message says what was read, what was got and what was expected.
+
+use std::path::PathBuf;
+
+/// The result of a fallible operation of this crate.
+pub type Result<T> = std::result::Result<T, LearnError>;
+
+/// An error of the learner.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// An array does not have the length that its neighbours imply.
+    #[error("{what} has {got} elements, expected {expected}")]
+    Length {
+        /// The array and its shape in words.
+        what: &'static str,
+        /// Elements found.
+        got: usize,
+        /// Elements needed.
+        expected: usize,
+    },
+    /// A setting lies outside its range, or names something unknown.
+    #[error("{key} is {got}, expected {expected}")]
+    Config {
+        /// Name of the setting.
+        key: &'static str,
+        /// The value found.
+        got: String,
+        /// The range or the choices.
+        expected: &'static str,
+    },
+    /// A number that must be finite is not; training cannot go on from it.
+    #[error("{what} is {got}, expected a finite number")]
+    NonFinite {
+        /// The quantity.
+        what: String,
+        /// NaN or an infinity.
+        got: f64,
+    },
+    /// A checkpoint belongs to a learner of another form.
+    #[error("checkpoint {}: {what} is {got}, expected {expected}", path.display())]
+    Mismatch {
+        /// The file.
+        path: PathBuf,
+        /// The property that differs.
+        what: &'static str,
+        /// Its value in the checkpoint.
+        got: String,
+        /// Its value in the configuration.
+        expected: String,
+    },
+    /// A checkpoint file holds something that cannot be understood.
+    #[error("checkpoint {}: {message}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What the reader or the writer said.
+        message: String,
+    },
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's reason.
+        source: std::io::Error,
+    },
+}
+
+/// Fails unless `array` has `expected` elements.
+pub(crate) fn check_length<T>(what: &'static str, array: &[T], expected: usize) -> Result<()> {
+    if array.len() == expected {
+        return Ok(());
+    }
+    Err(LearnError::Length { what, got: array.len(), expected })
+}
+
+/// Fails unless `value` is finite.
+pub(crate) fn check_finite(what: impl Into<String>, value: f64) -> Result<f64> {
+    if value.is_finite() {
+        return Ok(value);
+    }
+    Err(LearnError::NonFinite { what: what.into(), got: value })
+}

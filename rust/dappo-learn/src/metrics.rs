@@ -1,0 +1,27 @@
+//! The metrics of one iteration, one JSON object a line in `metrics.jsonl`.
+
+use serde::Serialize;
+
+use crate::ppo::PpoLosses;
+use crate::train::EpisodeSummary;
+
+/// The metrics of one iteration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Metrics {
+    /// Number of the iteration, from 1.
+    pub iteration: u64,
+    /// Env steps done so far.
+    pub env_steps: u64,
+    /// Name of the curriculum stage.
+    pub stage: String,
+    /// Episodes that ended in this iteration and their means.
+    #[serde(flatten)]
+    pub episodes: EpisodeSummary,
+    /// What the update reports.
+    #[serde(flatten)]
+    pub losses: PpoLosses,
+    /// Time spent collecting, s.
+    pub rollout_seconds: f64,
+    /// Time spent updating, s.
+    pub update_seconds: f64,
+}

@@ -1,0 +1,92 @@
+//! A safe face for the `gemm` crate: products of row-major f32 matrices on one thread.
+
+/// A view of a row-major matrix, or of its transpose.
+#[derive(Debug, Clone, Copy)]
+pub struct Matrix<'a> {
+    data: &'a [f32],
+    rows: usize,
+    columns: usize,
+    row_stride: isize,
+    column_stride: isize,
+}
+
+impl<'a> Matrix<'a> {
+    /// Views `data` as `[rows, columns]`.
+    pub fn new(data: &'a [f32], rows: usize, columns: usize) -> Self {
+        assert_eq!(data.len(), rows * columns, "a matrix of {rows} × {columns}");
+        Self { data, rows, columns, row_stride: columns.cast_signed(), column_stride: 1 }
+    }
+
+    /// The transpose; nothing is moved.
+    pub fn transposed(self) -> Self {
+        Self {
+            rows: self.columns,
+            columns: self.rows,
+            row_stride: self.column_stride,
+            column_stride: self.row_stride,
+            ..self
+        }
+    }
+}
+
+/// What becomes of the old contents of the destination.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Destination {
+    /// They are replaced by the product.
+    Overwrite,
+    /// The product is added to them.
+    Accumulate,
+}
+
+/// `out = a · b` or `out += a · b`, with `out` row-major `[a.rows, b.columns]`.
+pub fn matmul(out: &mut [f32], destination: Destination, a: Matrix<'_>, b: Matrix<'_>) {
+    assert_eq!(a.columns, b.rows, "inner dimensions of a product");
+    assert_eq!(out.len(), a.rows * b.columns, "size of a product");
+    debug_assert!(a.data.len() == a.rows * a.columns && b.data.len() == b.rows * b.columns);
+    // SAFETY: `Matrix::new` checked that rows × columns elements exist, and a transpose exchanges rows
+    // with columns and their strides together, so every index that gemm forms lies inside `a` and `b`;
+    // the assertion above says the same of `out`, which is borrowed mutably and so overlaps neither.
+    unsafe {
+        gemm::gemm(
+            a.rows,
+            b.columns,
+            a.columns,
+            out.as_mut_ptr(),
+            1,
+            b.columns.cast_signed(),
+            destination == Destination::Accumulate,
+            a.data.as_ptr(),
+            a.column_stride,
+            a.row_stride,
+            b.data.as_ptr(),
+            b.column_stride,
+            b.row_stride,
+            1.0,
+            1.0,
+            false,
+            false,
+            false,
+            gemm::Parallelism::None,
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_of_matrices_and_transposes_equal_numpy() {
+        // a = np.arange(6.).reshape(2, 3); b = np.arange(6.).reshape(3, 2)
+        let values: Vec<f32> = (0..6_u8).map(f32::from).collect();
+        let (a, b) = (Matrix::new(&values, 2, 3), Matrix::new(&values, 3, 2));
+        let mut out = vec![f32::NAN; 4];
+        matmul(&mut out, Destination::Overwrite, a, b); // a @ b
+        assert_eq!(out, [10.0, 13.0, 28.0, 40.0]);
+        matmul(&mut out, Destination::Accumulate, a, a.transposed()); // += a @ a.T
+        assert_eq!(out, [15.0, 27.0, 42.0, 90.0]);
+        let mut out = vec![f32::NAN; 9];
+        matmul(&mut out, Destination::Overwrite, b, b.transposed()); // b @ b.T
+        assert_eq!(out, [1.0, 3.0, 5.0, 3.0, 13.0, 23.0, 5.0, 23.0, 41.0]);
+    }
+}

@@ -1,0 +1,164 @@
+//! Exact running mean and variance of observations.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{LearnError, Result, check_finite, check_length};
+
+/// Normalised observations are clipped to ± this many standard deviations. The paper does not clip; a
+/// component that was nearly constant so far would otherwise swamp the network when it first moves.
+pub const CLIP: f32 = 10.0;
+/// Added to the variance, so that a constant component does not divide by zero.
+const EPSILON: f64 = 1e-8;
+/// Rows summed before a merge. Fixed, so that the result does not depend on the number of threads.
+const CHUNK_ROWS: usize = 1024;
+
+/// Mean and variance of every row seen so far, in f64.
+///
+/// The last `code_length` entries of a row are the damage code, whose zeros and ones carry meaning; they
+/// pass unchanged. A normaliser that has seen nothing is the identity. Clone it to keep a snapshot: a
+/// batch must be trained with the normaliser that it was collected with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Normalizer {
+    code_length: usize,
+    count: u64,
+    mean: Vec<f64>,
+    /// Sum of squared deviations from the mean.
+    squares: Vec<f64>,
+}
+
+/// Moments of a set of rows, mergeable with those of another set.
+#[derive(Clone)]
+struct Moments {
+    count: u64,
+    mean: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Moments {
+    /// Two passes: the mean first, then deviations from it.
+    fn of_rows(rows: &[f32], row_length: usize, tracked: usize) -> Self {
+        let count = rows.len() / row_length;
+        let mut mean = vec![0.0; tracked];
+        for row in rows.chunks_exact(row_length) {
+            mean.iter_mut().zip(row).for_each(|(sum, x)| *sum += f64::from(*x));
+        }
+        mean.iter_mut().for_each(|sum| *sum /= count as f64);
+        let mut squares = vec![0.0; tracked];
+        for row in rows.chunks_exact(row_length) {
+            for ((square, mean), x) in squares.iter_mut().zip(&mean).zip(row) {
+                *square += (f64::from(*x) - mean).powi(2);
+            }
+        }
+        Self { count: count as u64, mean, squares }
+    }
+
+    /// Chan, Golub and LeVeque (1979), "Updating formulae and a pairwise algorithm for computing sample
+    /// variances", equation 2.1.
+    fn merge(&mut self, other: &Self) {
+        let total = (self.count + other.count) as f64;
+        let weight = other.count as f64 / total;
+        for index in 0..self.mean.len() {
+            let delta = other.mean[index] - self.mean[index];
+            self.mean[index] += delta * weight;
+            self.squares[index] += other.squares[index] + delta * delta * self.count as f64 * weight;
+        }
+        self.count += other.count;
+    }
+}
+
+impl Normalizer {
+    /// A normaliser of rows of `obs_dim` numbers, the last `code_length` of which pass unchanged.
+    pub fn new(obs_dim: usize, code_length: usize) -> Result<Self> {
+        let Some(tracked) = obs_dim.checked_sub(code_length) else {
+            return Err(LearnError::Config {
+                key: "code_length",
+                got: format!("{code_length} in a row of {obs_dim}"),
+                expected: "at most the length of a row",
+            });
+        };
+        Ok(Self { code_length, count: 0, mean: vec![0.0; tracked], squares: vec![0.0; tracked] })
+    }
+
+    /// Length of a row, code included.
+    #[must_use]
+    pub fn obs_dim(&self) -> usize {
+        self.mean.len() + self.code_length
+    }
+
+    /// Length of the damage code at the end of a row.
+    #[must_use]
+    pub fn code_length(&self) -> usize {
+        self.code_length
+    }
+
+    /// Rows seen so far.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Mean of every entry before the code.
+    #[must_use]
+    pub fn mean(&self) -> &[f64] {
+        &self.mean
+    }
+
+    /// Population variance of every entry before the code; 1 while nothing was seen.
+    #[must_use]
+    pub fn variance(&self) -> Vec<f64> {
+        if self.count == 0 {
+            return vec![1.0; self.squares.len()];
+        }
+        self.squares.iter().map(|square| square / self.count as f64).collect()
+    }
+
+    /// Takes the rows of `obs` into the statistics.
+    ///
+    /// # Shapes
+    /// obs `[N, obs_dim]`, raw
+    pub fn update(&mut self, obs: &[f32]) -> Result<()> {
+        let (row_length, tracked) = (self.obs_dim(), self.mean.len());
+        check_length("obs [N, obs_dim]", obs, obs.len() / row_length.max(1) * row_length)?;
+        let chunks: Vec<Moments> = obs
+            .par_chunks(CHUNK_ROWS * row_length.max(1))
+            .map(|rows| Moments::of_rows(rows, row_length, tracked))
+            .collect();
+        let mut moments =
+            Moments { count: self.count, mean: self.mean.clone(), squares: self.squares.clone() };
+        for chunk in &chunks {
+            moments.merge(chunk);
+        }
+        // One bad observation would spoil the statistics for good, so it is refused instead.
+        for (index, mean) in moments.mean.iter().enumerate() {
+            check_finite(format!("mean of observation entry {index}"), *mean)?;
+        }
+        (self.count, self.mean, self.squares) = (moments.count, moments.mean, moments.squares);
+        Ok(())
+    }
+
+    /// The rows of `obs`, shifted and scaled to mean 0 and variance 1 and clipped to ±[`CLIP`].
+    ///
+    /// # Shapes
+    /// obs `[N, obs_dim]`, raw; returns the same shape
+    pub fn apply(&self, obs: &[f32]) -> Result<Vec<f32>> {
+        const ROWS: usize = 256;
+        let row_length = self.obs_dim();
+        check_length("obs [N, obs_dim]", obs, obs.len() / row_length.max(1) * row_length)?;
+        let mut rows = obs.to_vec();
+        if self.count > 0 {
+            let shift: Vec<f32> = self.mean.iter().map(|mean| *mean as f32).collect();
+            let scale: Vec<f32> =
+                self.variance().iter().map(|var| (1.0 / (var + EPSILON).sqrt()) as f32).collect();
+            rows.par_chunks_mut(ROWS * row_length).for_each(|rows| {
+                for row in rows.chunks_exact_mut(row_length) {
+                    for ((x, shift), scale) in row.iter_mut().zip(&shift).zip(&scale) {
+                        *x = ((*x - shift) * scale).clamp(-CLIP, CLIP);
+                    }
+                }
+            });
+        }
+        Ok(rows)
+    }
+}

@@ -1,0 +1,155 @@
+//! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::config::{Config, Layers};
+use crate::error::{LearnError, Result};
+use crate::metrics::Metrics;
+
+/// The folder of one training run.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    root: PathBuf,
+}
+
+/// What made the run, for whoever reads it later.
+#[derive(Debug, Clone, Serialize)]
+pub struct Meta {
+    /// Version of this program.
+    pub version: String,
+    /// Version of MuJoCo.
+    pub mujoco: String,
+    /// Backend of the physics.
+    pub backend: String,
+    /// Integrator of the physics.
+    pub physics: String,
+    /// Name of the reward function.
+    pub reward: String,
+    /// Worker threads.
+    pub threads: usize,
+    /// Operating system and processor architecture.
+    pub platform: String,
+    /// The command that started the run.
+    pub command: Vec<String>,
+}
+
+impl RunFolder {
+    /// Makes a new run folder; refuses one that already holds a run.
+    pub fn create(root: &Path, config: &Config) -> Result<Self> {
+        let run = Self { root: root.to_owned() };
+        if run.config_path().exists() {
+            return Err(LearnError::Invalid(format!(
+                "{} already holds a run; choose another folder with --run, or go on with it with --resume",
+                root.display()
+            )));
+        }
+        fs::create_dir_all(run.checkpoints()).map_err(io(&run.checkpoints()))?;
+        write_atomically(&run.config_path(), config.to_toml()?.as_bytes())?;
+        Ok(run)
+    }
+
+    /// Opens the folder of an earlier run and reads its configuration.
+    pub fn open(root: &Path) -> Result<(Self, Config)> {
+        let run = Self { root: root.to_owned() };
+        let path = run.config_path();
+        if !path.exists() {
+            return Err(LearnError::Invalid(format!(
+                "{} is no run folder: it has no config.toml; `dappo-batch train` makes one",
+                root.display()
+            )));
+        }
+        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let mut layers = Layers::default();
+        layers.add_toml(&text, &path.display().to_string())?;
+        Ok((run, layers.resolve()?))
+    }
+
+    /// The folder itself.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    fn config_path(&self) -> PathBuf {
+        self.root.join("config.toml")
+    }
+
+    /// Folder of the checkpoints.
+    #[must_use]
+    pub fn checkpoints(&self) -> PathBuf {
+        self.root.join("checkpoints")
+    }
+
+    /// Folder of the evaluations.
+    #[must_use]
+    pub fn evaluations(&self) -> PathBuf {
+        self.root.join("eval")
+    }
+
+    fn metrics_path(&self) -> PathBuf {
+        self.root.join("metrics.jsonl")
+    }
+
+    /// Replaces `config.toml`, for a resumed run whose budget was extended.
+    pub fn write_config(&self, config: &Config) -> Result<()> {
+        write_atomically(&self.config_path(), config.to_toml()?.as_bytes())
+    }
+
+    /// Writes `meta.json`.
+    pub fn write_meta(&self, meta: &Meta) -> Result<()> {
+        let path = self.root.join("meta.json");
+        let text = serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
+        write_atomically(&path, text.as_bytes())
+    }
+
+    /// Appends one line to `metrics.jsonl`.
+    pub fn append_metrics(&self, metrics: &Metrics) -> Result<()> {
+        let path = self.metrics_path();
+        let mut line = serde_json::to_string(metrics).map_err(|error| LearnError::Invalid(error.to_string()))?;
+        line.push('\n');
+        let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(io(&path))?;
+        file.write_all(line.as_bytes()).map_err(io(&path))
+    }
+
+    /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run goes on from there.
+    pub fn rewind_metrics(&self, iteration: u64) -> Result<()> {
+        let path = self.metrics_path();
+        if !path.exists() {
+            return Ok(());
+        }
+        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let is_kept = |line: &&str| {
+            let parsed: Option<serde_json::Value> = serde_json::from_str(line).ok();
+            parsed.and_then(|value| value["iteration"].as_u64()).is_some_and(|number| number <= iteration)
+        };
+        let kept: String = text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect();
+        write_atomically(&path, kept.as_bytes())
+    }
+}
+
+/// Turns an I/O error into one that names the file.
+pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> LearnError {
+    let path = path.to_owned();
+    move |source| LearnError::Io { path, source }
+}
+
+/// Writes a file under a temporary name, syncs it and renames it, so that a kill leaves the old or the new file.
+pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(io(folder))?;
+    }
+    let temporary = path.with_extension("tmp");
+    write_synced(&temporary, bytes)?;
+    fs::rename(&temporary, path).map_err(io(path))
+}
+
+/// Writes a file and waits until it is on the disk.
+pub(crate) fn write_synced(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut file = File::create(path).map_err(io(path))?;
+    file.write_all(bytes).map_err(io(path))?;
+    file.sync_all().map_err(io(path))
+}

@@ -1,0 +1,95 @@
+//! Training: collect, estimate, update, report — and what surrounds it.
+
+mod collect;
+mod episodes;
+mod session;
+
+use std::time::Instant;
+
+use dappo_sim::curriculum::stage_at;
+
+use crate::checkpoint::Progress;
+use crate::config::Config;
+use crate::envs::EnvFactory;
+use crate::error::Result;
+use crate::gae::gae;
+use crate::metrics::Metrics;
+use crate::ppo::Ppo;
+use crate::run_folder::RunFolder;
+
+pub use collect::collect;
+pub use episodes::{EpisodeSummary, EpisodeTracker};
+use session::Session;
+
+/// Whoever watches a training run.
+pub trait Observer {
+    /// Called after every iteration.
+    fn iteration(&mut self, metrics: &Metrics);
+
+    /// Whether to save and stop after the current iteration.
+    fn should_stop(&self) -> bool;
+}
+
+/// How a training run ended.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The trained learner.
+    pub ppo: Ppo,
+    /// Where the run stands.
+    pub progress: Progress,
+    /// Whether the observer stopped it before its budget was spent.
+    pub interrupted: bool,
+}
+
+/// Trains until the budget is spent, from the newest checkpoint when `resume` is set.
+pub fn train(
+    config: &Config,
+    factory: &dyn EnvFactory,
+    run: &RunFolder,
+    resume: bool,
+    observer: &mut dyn Observer,
+) -> Result<Outcome> {
+    let mut session = Session::new(config, factory)?;
+    if resume {
+        session.load(run)?;
+    } else {
+        session.save(run)?;
+    }
+    let mut interrupted = false;
+    while session.progress.env_steps < config.total_steps && !interrupted {
+        let metrics = iterate(&mut session, config, factory)?;
+        run.append_metrics(&metrics)?;
+        observer.iteration(&metrics);
+        interrupted = observer.should_stop();
+        let finished = session.progress.env_steps >= config.total_steps;
+        if interrupted || finished || session.progress.iteration.is_multiple_of(config.checkpoint.every) {
+            session.save(run)?;
+        }
+    }
+    Ok(Outcome { progress: session.progress, ppo: session.ppo, interrupted })
+}
+
+/// One iteration.
+fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> Result<Metrics> {
+    let done = session.progress.env_steps as f64 / config.total_steps as f64;
+    session.enter_stage(stage_at(&config.curriculum, done), config, factory)?;
+
+    let start = Instant::now();
+    let rollout = session.collect(config.horizon)?;
+    let collected = Instant::now();
+    let targets = gae(&rollout, config.ppo.gamma, config.ppo.gae_lambda)?;
+    let losses = session.ppo.update(&rollout, &targets)?;
+    let updated = Instant::now();
+
+    session.progress.iteration += 1;
+    session.progress.env_steps += rollout.len() as u64;
+    Ok(Metrics {
+        iteration: session.progress.iteration,
+        env_steps: session.progress.env_steps,
+        stage: config.curriculum[session.progress.stage].name.clone(),
+        episodes: session.episodes.summarize(),
+        losses,
+        rollout_seconds: (collected - start).as_secs_f64(),
+        update_seconds: (updated - collected).as_secs_f64(),
+    })
+}
