@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 
 from dappo_batch._core import SimulationError
+
+if TYPE_CHECKING:
+    from dappo_batch.class_table import ClassTable
 
 
 def library_path() -> Path:
@@ -34,3 +38,8 @@ def state_spec() -> int:
     return int(mujoco.mjtState.mjSTATE_PHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART) | int(
         mujoco.mjtState.mjSTATE_TIME
     )
+
+
+def integrator_name(table: ClassTable) -> str:
+    """Return the integrator of a class table's models, for example ``rk4``."""
+    return mujoco.mjtIntegrator(table.models[0].opt.integrator).name.removeprefix("mjINT_").lower()

@@ -28,6 +28,12 @@ pub enum LearnError {
         /// The range or the choices.
         expected: &'static str,
     },
+    /// A configuration, run folder or command that cannot be used.
+    #[error("{0}")]
+    Invalid(String),
+    /// The simulation refused something.
+    #[error(transparent)]
+    Sim(#[from] dappo_sim::SimError),
     /// A number that must be finite is not; training cannot go on from it.
     #[error("{what} is {got}, expected a finite number")]
     NonFinite {
@@ -35,6 +41,12 @@ pub enum LearnError {
         what: String,
         /// NaN or an infinity.
         got: f64,
+    },
+    /// A tensor could not be read from its device.
+    #[error("cannot read a tensor of f32: {message}")]
+    Tensor {
+        /// What burn said.
+        message: String,
     },
     /// A checkpoint belongs to a learner of another form.
     #[error("checkpoint {}: {what} is {got}, expected {expected}", path.display())]

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::Result;
+use crate::ppo::Ppo;
 
 /// Chooses actions from raw observations.
 pub trait Policy {
@@ -18,6 +19,12 @@ pub trait Policy {
     /// - `obs`: `[N, obs_dim]`, the damage code included if the policy observes it
     /// - output: `[N, action_dim]`
     fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>>;
+}
+
+impl Policy for Ppo {
+    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
+        self.actor_critic().mean_actions(obs, self.normalizer())
+    }
 }
 
 /// The result of one damage class.

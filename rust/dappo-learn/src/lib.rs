@@ -11,12 +11,19 @@
 //! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
 //! parallel sums are formed in an order that does not depend on the number of threads.
 
+pub mod checkpoint;
+pub mod config;
+pub mod envs;
 pub mod error;
+pub mod evaluate;
 pub mod gae;
+pub mod metrics;
 pub mod nn;
 pub mod normalizer;
 pub mod ppo;
 pub mod rollout;
+pub mod run_folder;
+pub mod train;
 
 pub use error::{LearnError, Result};
 pub use gae::{Targets, gae};
@@ -24,3 +31,9 @@ pub use nn::{ActorCritic, Decision};
 pub use normalizer::Normalizer;
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;
+
+/// The device of networks on CPUs.
+#[must_use]
+pub fn cpu() -> burn::tensor::Device {
+    burn::tensor::Device::flex()
+}

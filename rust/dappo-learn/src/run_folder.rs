@@ -84,10 +84,9 @@ impl RunFolder {
         self.root.join("checkpoints")
     }
 
-    /// Folder of the evaluations.
-    #[must_use]
-    pub fn evaluations(&self) -> PathBuf {
-        self.root.join("eval")
+    /// Writes a table into `eval/`.
+    pub fn write_evaluation(&self, name: &str, table: &str) -> Result<()> {
+        write_atomically(&self.root.join("eval").join(name), table.as_bytes())
     }
 
     fn metrics_path(&self) -> PathBuf {

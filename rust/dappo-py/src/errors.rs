@@ -3,6 +3,7 @@
 //! `DappoError` > `ConfigError` (also a `ValueError`), `ShapeError` (also a `ValueError`),
 //! `SimulationError` (also a `RuntimeError`), `CheckpointError` (also a `RuntimeError`).
 
+use dappo_learn::LearnError;
 use dappo_sim::SimError;
 use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -103,4 +104,21 @@ pub fn from_sim(error: &SimError) -> PyErr {
         SimError::Snapshot(_) => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
+}
+
+/// A learner's error as a Python exception.
+pub fn from_learn(error: &LearnError) -> PyErr {
+    let kind = match error {
+        LearnError::Sim(error) => return from_sim(error),
+        LearnError::Config { .. } | LearnError::Invalid(_) => Kind::Config,
+        LearnError::Length { .. } => Kind::Shape,
+        LearnError::NonFinite { .. } | LearnError::Tensor { .. } => Kind::Simulation,
+        LearnError::Mismatch { .. } | LearnError::Checkpoint { .. } | LearnError::Io { .. } => Kind::Checkpoint,
+    };
+    raise(kind, error.to_string())
+}
+
+/// Whether an exception belongs to the tree.
+pub fn is_ours(py: Python<'_>, error: &PyErr) -> bool {
+    tree(py).is_ok_and(|tree| error.is_instance(py, tree.base.bind(py)))
 }

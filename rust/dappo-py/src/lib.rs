@@ -1,8 +1,10 @@
 //! `dappo_batch._core`: thin Python classes over `dappo-sim` and `dappo-learn`, and the command line.
 
 mod class_table;
+mod cli;
 mod damage;
 mod errors;
+mod factory;
 mod vector_env;
 
 use pyo3::prelude::*;
@@ -14,5 +16,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<damage::PyDamageClass>()?;
     module.add_class::<damage::PyDamageSpace>()?;
     module.add_class::<vector_env::PyVectorEnv>()?;
+    module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())
 }

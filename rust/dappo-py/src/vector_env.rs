@@ -7,7 +7,6 @@ use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::class_table::ClassTable;
 use crate::errors::{Kind, from_sim, raise};
@@ -65,7 +64,7 @@ type Numbers<'py> = Bound<'py, PyArray1<f64>>;
 type Integers<'py> = Bound<'py, PyArray1<i64>>;
 type Rows<'py> = Bound<'py, PyArray2<f32>>;
 
-/// A read-only numpy view on one of the env's buffers.
+/// A numpy view on one of the env's buffers; writable, because DLPack refuses to share read-only arrays.
 fn view1<'py, T: Element>(
     this: &Bound<'py, PyVectorEnv>,
     buffer: impl Fn(&Buffers) -> &[T],
@@ -74,7 +73,6 @@ fn view1<'py, T: Element>(
     let array = ArrayView1::from(buffer(borrowed.env()?.buffers()));
     // SAFETY: the buffer lives as long as `this` and is never reallocated (see `close`, which keeps it).
     let view = unsafe { PyArray1::borrow_from_array(&array, this.clone().into_any()) };
-    read_only(view.as_any())?;
     Ok(view)
 }
 
@@ -85,14 +83,7 @@ fn view2<'py>(this: &Bound<'py, PyVectorEnv>, buffer: impl Fn(&Buffers) -> &[f32
         .map_err(|error| raise(Kind::Shape, error.to_string()))?;
     // SAFETY: as in `view1`.
     let view = unsafe { PyArray2::borrow_from_array(&array, this.clone().into_any()) };
-    read_only(view.as_any())?;
     Ok(view)
-}
-
-fn read_only(array: &Bound<'_, PyAny>) -> PyResult<()> {
-    let options = PyDict::new(array.py());
-    options.set_item("write", false)?;
-    array.call_method("setflags", (), Some(&options)).map(|_| ())
 }
 
 #[pymethods]

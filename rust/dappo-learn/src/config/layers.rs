@@ -70,8 +70,9 @@ impl Layers {
     pub fn resolve(mut self) -> Result<Config, LearnError> {
         let refused = |error: toml::de::Error| LearnError::Invalid(format!("configuration refused: {error}"));
         if let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) {
-            let name = ppo.get("preset").and_then(toml::Value::as_str).unwrap_or("paper").to_owned();
-            let preset = toml::Table::try_from(PpoConfig::preset(&name)?)
+            let name = ppo.remove("preset").unwrap_or_else(|| "paper".into());
+            let name = name.as_str().ok_or_else(|| LearnError::Invalid("`ppo.preset` must be a name".into()))?;
+            let preset = toml::Table::try_from(PpoConfig::preset(name)?)
                 .map_err(|error| LearnError::Invalid(format!("cannot write the preset `{name}`: {error}")))?;
             let given = std::mem::replace(ppo, preset);
             merge(ppo, given);

@@ -4,7 +4,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::Mlp;
-use crate::error::{Result, check_length};
+use crate::error::{LearnError, Result, check_length};
 use crate::normalizer::Normalizer;
 
 /// ln √(2π), the constant of a normal log-density.
@@ -129,9 +129,8 @@ impl ActorCritic {
     /// Normalised observations on this net's device, without autodiff, `[N, O]`.
     fn input(&self, obs: &[f32], normalizer: &Normalizer) -> Result<Tensor<2>> {
         let width = self.obs_dim();
-        check_length("entries tracked by the normaliser", normalizer.mean(), {
-            width.saturating_sub(normalizer.code_length())
-        })?;
+        let tracked = width.saturating_sub(normalizer.code_length());
+        check_length("mean of the normaliser", normalizer.mean(), tracked)?;
         let rows = normalizer.apply(obs)?;
         let device = self.policy.log_std.lazy_device().without_autodiff();
         Ok(Tensor::from_data(TensorData::new(rows, [obs.len() / width, width]), &device))
@@ -140,5 +139,5 @@ impl ActorCritic {
 
 /// Copies a float tensor to the host.
 pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
-    tensor.into_data().into_vec().map_err(|error| crate::LearnError::Tensor { message: format!("{error:?}") })
+    tensor.into_data().try_into_vec().map_err(|error| LearnError::Tensor { message: format!("{error:?}") })
 }

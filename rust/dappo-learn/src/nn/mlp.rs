@@ -137,7 +137,7 @@ mod tests {
         let make = |seed| {
             let mut stream = Stream::new(seed, 0, Purpose::Weights);
             let net = Mlp::new(&[5, 4, 2], 0.01, &mut || stream.normal(), &Device::flex());
-            net.flat_parameters().into_data().to_vec::<f32>().unwrap()
+            net.flat_parameters().into_data().try_into_vec::<f32>().unwrap()
         };
         assert_eq!(make(1), make(1));
         assert_ne!(make(1), make(2));

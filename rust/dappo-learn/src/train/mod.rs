@@ -31,7 +31,6 @@ pub trait Observer {
 }
 
 /// How a training run ended.
-#[derive(Debug)]
 pub struct Outcome {
     /// The trained learner.
     pub ppo: Ppo,
@@ -51,7 +50,7 @@ pub fn train(
 ) -> Result<Outcome> {
     let mut session = Session::new(config, factory)?;
     if resume {
-        session.load(run)?;
+        session.load(run, config)?;
     } else {
         session.save(run)?;
     }

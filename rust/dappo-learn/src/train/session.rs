@@ -1,11 +1,11 @@
 //! Everything that a training run carries from one iteration to the next.
 
-use burn::tensor::Device;
 use dappo_sim::VectorEnv;
 use dappo_sim::vector_env::ResetOptions;
 
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
+use crate::cpu;
 use crate::envs::EnvFactory;
 use crate::error::Result;
 use crate::ppo::Ppo;
@@ -36,7 +36,7 @@ impl Session {
             env.code_length(),
             env.action_dim(),
             config.seed,
-            &Device::flex(),
+            &cpu(),
         )?;
         Ok(Self {
             episodes: EpisodeTracker::new(env.num_envs()),
@@ -50,9 +50,9 @@ impl Session {
     }
 
     /// Goes back to the newest checkpoint of the run.
-    pub fn load(&mut self, run: &RunFolder) -> Result<()> {
+    pub fn load(&mut self, run: &RunFolder, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
-        self.ppo.restore(&checkpoint.folder)?;
+        self.ppo = Ppo::load(&checkpoint.folder, &config.ppo, &cpu())?;
         let state = EnvState::load(&checkpoint.folder)?;
         self.env.restore(&state.envs)?;
         self.episodes = state.episodes;

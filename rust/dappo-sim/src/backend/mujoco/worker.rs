@@ -124,7 +124,9 @@ impl Worker {
         unsafe { (self.library.rne_post_constraint)(model, data) };
         let before = row[self.state_size];
         self.store(table, class, row);
-        (self.main_body_x() - before) / task.dt()
+        let velocity = (self.main_body_x() - before) / task.dt();
+        // A diverged world has no velocity; 0 keeps it out of everybody else's averages.
+        if velocity.is_finite() { velocity } else { 0.0 }
     }
 
     /// What the last evaluation left in the data.

@@ -1,0 +1,161 @@
+//! Settings of the learner, with the paper's values as defaults.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{LearnError, Result};
+
+/// Settings of PPO. "Paper" marks values that Verma et al. (2019) state; the others are ours.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PpoConfig {
+    /// Hidden layers of both networks (paper).
+    pub hidden: Vec<usize>,
+    /// Discount γ (paper).
+    pub gamma: f64,
+    /// λ of generalised advantage estimation (paper).
+    pub gae_lambda: f64,
+    /// ε of the clipped surrogate (paper).
+    pub clip_range: f64,
+    /// d*, the KL divergence that an update aims at (paper).
+    pub kl_target: f64,
+    /// η, the weight of the squared excess of the KL divergence over 2 d*.
+    pub kl_hinge: f64,
+    /// An update stops after an epoch whose KL divergence exceeds this many d*.
+    pub kl_stop: f64,
+    /// Logarithm of the variance of a new policy.
+    pub initial_log_variance: f64,
+    /// At most this many passes over the batch for the policy.
+    pub epochs: usize,
+    /// Rows of a policy minibatch.
+    pub minibatch_size: usize,
+    /// Adam's learning rate for the policy, before the adaptive factor.
+    pub learning_rate: f64,
+    /// Passes over the current and the previous batch for the value net.
+    pub value_epochs: usize,
+    /// Rows of a value minibatch.
+    pub value_minibatch_size: usize,
+    /// Adam's learning rate for the value net.
+    pub value_learning_rate: f64,
+}
+
+impl Default for PpoConfig {
+    /// The preset `paper`.
+    fn default() -> Self {
+        Self {
+            hidden: vec![100, 200, 100],
+            gamma: 0.995,
+            gae_lambda: 0.98,
+            clip_range: 0.2,
+            kl_target: 0.01,
+            kl_hinge: 50.0,
+            kl_stop: 4.0,
+            initial_log_variance: -1.0,
+            epochs: 10,
+            minibatch_size: 2048,
+            learning_rate: 3e-4,
+            value_epochs: 10,
+            value_minibatch_size: 2048,
+            value_learning_rate: 1e-3,
+        }
+    }
+}
+
+impl PpoConfig {
+    /// A named preset: `paper`, or `batch` for hundreds to thousands of environments.
+    ///
+    /// `batch` differs in optimisation alone: larger minibatches with larger steps, and fewer passes,
+    /// because a batch of many environments holds more independent transitions.
+    pub fn preset(name: &str) -> Result<Self> {
+        match name {
+            "paper" => Ok(Self::default()),
+            "batch" => Ok(Self {
+                epochs: 6,
+                minibatch_size: 16_384,
+                learning_rate: 6e-4,
+                value_epochs: 4,
+                value_minibatch_size: 16_384,
+                value_learning_rate: 1.5e-3,
+                ..Self::default()
+            }),
+            _ => Err(LearnError::Config {
+                key: "preset",
+                got: format!("{name:?}"),
+                expected: "\"paper\" or \"batch\"",
+            }),
+        }
+    }
+
+    /// Logarithm of the standard deviation of a new policy.
+    #[must_use]
+    pub fn initial_log_std(&self) -> f64 {
+        self.initial_log_variance / 2.0
+    }
+
+    /// Fails at the first setting outside its range.
+    pub fn check(&self) -> Result<()> {
+        let rule = |key, value: f64, expected, holds: bool| {
+            if holds && value.is_finite() {
+                return Ok(());
+            }
+            Err(LearnError::Config { key, got: value.to_string(), expected })
+        };
+        let positive = |key, value: f64| rule(key, value, "a number above 0", value > 0.0);
+        let counted = |key, value: usize| rule(key, value as f64, "at least 1", value > 0);
+        rule("gamma", self.gamma, "a number in [0, 1)", (0.0..1.0).contains(&self.gamma))?;
+        let lambda = self.gae_lambda;
+        rule("gae_lambda", lambda, "a number in [0, 1]", (0.0..=1.0).contains(&lambda))?;
+        let clip = self.clip_range;
+        rule("clip_range", clip, "a number in (0, 1)", clip > 0.0 && clip < 1.0)?;
+        rule("kl_hinge", self.kl_hinge, "a number of at least 0", self.kl_hinge >= 0.0)?;
+        rule("initial_log_variance", self.initial_log_variance, "a finite number", true)?;
+        positive("kl_target", self.kl_target)?;
+        positive("kl_stop", self.kl_stop)?;
+        positive("learning_rate", self.learning_rate)?;
+        positive("value_learning_rate", self.value_learning_rate)?;
+        counted("epochs", self.epochs)?;
+        counted("minibatch_size", self.minibatch_size)?;
+        counted("value_epochs", self.value_epochs)?;
+        counted("value_minibatch_size", self.value_minibatch_size)?;
+        self.hidden.iter().try_for_each(|width| counted("hidden", *width))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_the_paper_preset_with_the_papers_numbers() {
+        let config = PpoConfig::preset("paper").unwrap();
+        assert_eq!(config, PpoConfig::default());
+        assert_eq!(config.hidden, [100, 200, 100]);
+        let numbers = [config.gamma, config.gae_lambda, config.clip_range, config.kl_target];
+        assert_eq!(numbers, [0.995, 0.98, 0.2, 0.01]);
+    }
+
+    #[test]
+    fn every_preset_passes_its_own_check_and_unknown_presets_are_named() {
+        for name in ["paper", "batch"] {
+            PpoConfig::preset(name).unwrap().check().unwrap();
+        }
+        let message = PpoConfig::preset("fast").unwrap_err().to_string();
+        assert_eq!(message, "preset is \"fast\", expected \"paper\" or \"batch\"");
+    }
+
+    #[test]
+    fn missing_keys_take_defaults_and_unknown_keys_are_refused() {
+        let config: PpoConfig = toml::from_str("gamma = 0.9").unwrap();
+        assert_eq!(config, PpoConfig { gamma: 0.9, ..PpoConfig::default() });
+        assert!(toml::from_str::<PpoConfig>("gama = 0.9").unwrap_err().to_string().contains("gama"));
+    }
+
+    #[test]
+    fn settings_outside_their_range_are_refused_by_name() {
+        let bad = PpoConfig { gamma: 1.0, ..PpoConfig::default() };
+        assert_eq!(bad.check().unwrap_err().to_string(), "gamma is 1, expected a number in [0, 1)");
+        let bad = PpoConfig { learning_rate: f64::NAN, ..PpoConfig::default() };
+        assert!(bad.check().unwrap_err().to_string().starts_with("learning_rate is NaN"));
+        let bad = PpoConfig { hidden: vec![100, 0], ..PpoConfig::default() };
+        assert!(bad.check().is_err());
+    }
+}

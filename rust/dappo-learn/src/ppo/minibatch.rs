@@ -1,0 +1,121 @@
+//! Batches as tensors, and their division into shuffled minibatches.
+
+use std::ops::Range;
+
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use dappo_sim::rng::Stream;
+
+use crate::error::Result;
+use crate::gae::Targets;
+use crate::rollout::Rollout;
+
+/// What the policy is trained on; B = T · N rows.
+pub(super) struct PolicyBatch {
+    /// Normalised observations `[B, O]`.
+    pub obs: Tensor<2>,
+    /// Actions `[B, A]`.
+    pub actions: Tensor<2>,
+    /// Means of the old policy `[B, A]`.
+    pub means: Tensor<2>,
+    /// Log-densities under the old policy `[B, 1]`.
+    pub log_probs: Tensor<2>,
+    /// Advantages, normalised over the whole batch, `[B, 1]`.
+    pub advantages: Tensor<2>,
+}
+
+/// What the value net is trained on. A module, so that checkpoints store it as they store networks.
+#[derive(Module, Debug)]
+pub(super) struct ValueBatch {
+    /// Observations as normalised when they were collected, `[B, O]`.
+    pub obs: Param<Tensor<2>>,
+    /// Returns `[B, 1]`.
+    pub returns: Param<Tensor<2>>,
+}
+
+/// Both batches of a rollout, on `device`.
+pub(super) fn batches(rollout: &Rollout, targets: &Targets, device: &Device) -> Result<(PolicyBatch, ValueBatch)> {
+    let (rows, actions) = (rollout.len(), rollout.action_dim);
+    let tensor = |values: Vec<f32>, width| Tensor::from_data(TensorData::new(values, [rows, width]), device);
+    let obs: Tensor<2> = tensor(rollout.normalizer.apply(&rollout.obs)?, rollout.obs_dim);
+    let policy = PolicyBatch {
+        obs: obs.clone(),
+        actions: tensor(rollout.actions.clone(), actions),
+        means: tensor(rollout.means.clone(), actions),
+        log_probs: tensor(rollout.log_probs.clone(), 1),
+        advantages: tensor(standardize(&targets.advantages), 1),
+    };
+    Ok((policy, ValueBatch::new(obs, tensor(targets.returns.clone(), 1))))
+}
+
+/// Shifted and scaled to mean 0 and standard deviation 1.
+pub(super) fn standardize(values: &[f32]) -> Vec<f32> {
+    let count = values.len() as f64;
+    let mean = values.iter().map(|x| f64::from(*x)).sum::<f64>() / count;
+    let variance = values.iter().map(|x| (f64::from(*x) - mean).powi(2)).sum::<f64>() / count;
+    let scale = 1.0 / (variance.sqrt() + 1e-8);
+    values.iter().map(|x| ((f64::from(*x) - mean) * scale) as f32).collect()
+}
+
+impl PolicyBatch {
+    pub fn rows(&self) -> usize {
+        self.obs.dims()[0]
+    }
+
+    pub fn select(&self, rows: &Tensor<1, Int>) -> Self {
+        Self {
+            obs: self.obs.clone().select(0, rows.clone()),
+            actions: self.actions.clone().select(0, rows.clone()),
+            means: self.means.clone().select(0, rows.clone()),
+            log_probs: self.log_probs.clone().select(0, rows.clone()),
+            advantages: self.advantages.clone().select(0, rows.clone()),
+        }
+    }
+}
+
+impl ValueBatch {
+    pub fn new(obs: Tensor<2>, returns: Tensor<2>) -> Self {
+        let constant = |tensor: Tensor<2>| Param::from_tensor(tensor).set_require_grad(false);
+        Self { obs: constant(obs), returns: constant(returns) }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.obs.lazy_shape()[0]
+    }
+
+    pub fn select(&self, rows: &Tensor<1, Int>) -> (Tensor<2>, Tensor<2>) {
+        let take = |tensor: Tensor<2>| tensor.select(0, rows.clone());
+        (take(self.obs.val()), take(self.returns.val()))
+    }
+
+    /// This batch followed by `other`.
+    pub fn union(&self, other: Option<&Self>) -> Self {
+        let Some(other) = other else {
+            return self.clone();
+        };
+        Self::new(
+            Tensor::cat(vec![self.obs.val(), other.obs.val()], 0),
+            Tensor::cat(vec![self.returns.val(), other.returns.val()], 0),
+        )
+    }
+}
+
+/// The rows 0..`rows` in random order (Fisher and Yates), in minibatches of about `size`.
+pub(super) fn shuffled(rows: usize, size: usize, stream: &mut Stream, device: &Device) -> Vec<Tensor<1, Int>> {
+    let mut order: Vec<i64> = (0..rows as i64).collect();
+    for last in (1..rows).rev() {
+        order.swap(last, stream.below(last as u64 + 1) as usize);
+    }
+    let take = |range: Range<usize>| {
+        let length = range.len();
+        Tensor::from_data(TensorData::new(order[range].to_vec(), [length]), device)
+    };
+    ranges(rows, size).map(take).collect()
+}
+
+/// Cuts 0..`rows` into pieces of nearly equal length, as close to `size` as possible: a short rest would
+/// take a step as long as a full minibatch on far noisier gradients.
+pub(super) fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
+    let count = (rows as f64 / size as f64).round().max(1.0) as usize;
+    (0..count).map(move |piece| piece * rows / count..(piece + 1) * rows / count)
+}

@@ -1,0 +1,126 @@
+//! Proximal policy optimisation with a clipped surrogate and an adaptive KL penalty.
+//!
+//! Sources: Schulman et al. (2017), "Proximal policy optimization algorithms", and the settings of Verma
+//! et al. (2019), section IV, who train the value net on the current and the previous batch and let the
+//! KL weight steer the learning rate.
+
+pub mod config;
+pub mod loss;
+mod minibatch;
+mod state;
+mod update;
+
+use burn::optim::{AdamConfig, ModuleOptimizer};
+use burn::tensor::Device;
+use dappo_sim::rng::{Purpose, Stream};
+
+pub use config::PpoConfig;
+pub use loss::{Adaptation, PpoLosses};
+pub use state::load_actor_critic;
+
+use crate::error::Result;
+use crate::nn::ActorCritic;
+use crate::normalizer::Normalizer;
+use minibatch::ValueBatch;
+
+/// Adam's guard against division by zero, as common in PPO (Andrychowicz et al., 2021).
+const ADAM_EPSILON: f32 = 1e-5;
+
+/// The learner: networks, optimisers, and everything that adapts while training.
+pub struct Ppo {
+    config: PpoConfig,
+    /// The device with autodiff; networks live on it.
+    device: Device,
+    seed: u64,
+    updates: u64,
+    actor_critic: ActorCritic,
+    policy_optimizer: ModuleOptimizer,
+    value_optimizer: ModuleOptimizer,
+    adaptation: Adaptation,
+    normalizer: Normalizer,
+    previous: Option<ValueBatch>,
+}
+
+impl Ppo {
+    /// A new learner for rows of `obs_dim` numbers, of which the last `code_length` are the damage code.
+    ///
+    /// Weights and shuffles are functions of `seed`. `device` says where networks are computed; autodiff
+    /// is added here.
+    pub fn new(
+        config: &PpoConfig,
+        obs_dim: usize,
+        code_length: usize,
+        action_dim: usize,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self> {
+        config.check()?;
+        let device = device.clone().autodiff();
+        let mut stream = Stream::new(seed, 0, Purpose::Weights);
+        let actor_critic = ActorCritic::new(
+            obs_dim,
+            &config.hidden,
+            action_dim,
+            config.initial_log_std(),
+            &mut || stream.normal(),
+            &device,
+        );
+        Ok(Self {
+            config: config.clone(),
+            device,
+            seed,
+            updates: 0,
+            actor_critic,
+            policy_optimizer: adam(),
+            value_optimizer: adam(),
+            adaptation: Adaptation::default(),
+            normalizer: Normalizer::new(obs_dim, code_length)?,
+            previous: None,
+        })
+    }
+
+    /// The networks, for collecting rollouts.
+    #[must_use]
+    pub fn actor_critic(&self) -> &ActorCritic {
+        &self.actor_critic
+    }
+
+    /// The normaliser that the next rollout is to be collected with. [`Ppo::update`] adds each rollout to it.
+    #[must_use]
+    pub fn normalizer(&self) -> &Normalizer {
+        &self.normalizer
+    }
+
+    /// The normaliser, to show it observations before the first rollout.
+    pub fn normalizer_mut(&mut self) -> &mut Normalizer {
+        &mut self.normalizer
+    }
+
+    /// The configuration in force.
+    #[must_use]
+    pub fn config(&self) -> &PpoConfig {
+        &self.config
+    }
+
+    /// The current KL weight and learning-rate factor.
+    #[must_use]
+    pub fn adaptation(&self) -> Adaptation {
+        self.adaptation
+    }
+
+    /// Updates made so far.
+    #[must_use]
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// The device that networks live on.
+    #[must_use]
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+}
+
+fn adam() -> ModuleOptimizer {
+    AdamConfig::new().with_epsilon(ADAM_EPSILON).init()
+}

@@ -1,0 +1,168 @@
+//! Saving a learner into a directory and loading it back, to the bit.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `learner.toml` | shapes, seed, number of updates, β and learning-rate factor, normaliser |
+//! | `policy.bpk`, `value.bpk` | weights, as burnpack records |
+//! | `policy_adam.bpk`, `value_adam.bpk` | Adam's moments |
+//! | `value_batch.bpk` | the batch of the last update, which the next one trains the value net on |
+//!
+//! Scalars are TOML because its numbers survive a round trip exactly. Weights must be loaded from
+//! burnpack records: these keep parameter ids, by which Adam's moments find their parameters.
+
+use std::path::Path;
+
+use burn::module::Module;
+use burn::optim::ModuleOptimizer;
+use burn::tensor::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+use super::loss::Adaptation;
+use super::minibatch::ValueBatch;
+use super::{Ppo, PpoConfig, adam};
+use crate::error::{LearnError, Result};
+use crate::nn::ActorCritic;
+use crate::normalizer::Normalizer;
+
+const FORMAT: u32 = 1;
+const LEARNER: &str = "learner.toml";
+const POLICY: &str = "policy.bpk";
+const VALUE: &str = "value.bpk";
+const POLICY_ADAM: &str = "policy_adam.bpk";
+const VALUE_ADAM: &str = "value_adam.bpk";
+const VALUE_BATCH: &str = "value_batch.bpk";
+
+/// The contents of `learner.toml`.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    format: u32,
+    obs_dim: usize,
+    action_dim: usize,
+    hidden: Vec<usize>,
+    /// As text: TOML's integers end at 2⁶³.
+    seed: String,
+    updates: u64,
+    has_value_batch: bool,
+    adaptation: Adaptation,
+    normalizer: Normalizer,
+}
+
+impl Ppo {
+    /// Writes everything that the learner owns into the existing directory `dir`.
+    pub fn save(&self, dir: &Path) -> Result<()> {
+        let header = Header {
+            format: FORMAT,
+            obs_dim: self.actor_critic.obs_dim(),
+            action_dim: self.actor_critic.action_dim(),
+            hidden: self.config.hidden.clone(),
+            seed: self.seed.to_string(),
+            updates: self.updates,
+            has_value_batch: self.previous.is_some(),
+            adaptation: self.adaptation,
+            normalizer: self.normalizer.clone(),
+        };
+        let path = dir.join(LEARNER);
+        let text = toml::to_string(&header).map_err(|error| unreadable(&path, error))?;
+        std::fs::write(&path, text).map_err(|source| LearnError::Io { path, source })?;
+        save_module(&self.actor_critic.policy, &dir.join(POLICY))?;
+        save_module(&self.actor_critic.value, &dir.join(VALUE))?;
+        save_optimizer(&self.policy_optimizer, &dir.join(POLICY_ADAM))?;
+        save_optimizer(&self.value_optimizer, &dir.join(VALUE_ADAM))?;
+        self.previous.as_ref().map_or(Ok(()), |batch| save_module(batch, &dir.join(VALUE_BATCH)))
+    }
+
+    /// Reads a learner from a directory that [`Ppo::save`] wrote. Settings other than `hidden` may differ
+    /// from those it was saved with.
+    pub fn load(dir: &Path, config: &PpoConfig, device: &Device) -> Result<Self> {
+        config.check()?;
+        let header = read_header(dir)?;
+        let path = dir.join(LEARNER);
+        if header.hidden != config.hidden {
+            let (got, expected) = (format!("{:?}", header.hidden), format!("{:?}", config.hidden));
+            return Err(LearnError::Mismatch { path, what: "hidden", got, expected });
+        }
+        let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
+        let device = device.clone().autodiff();
+        let actor_critic = read_networks(dir, &header, &device)?;
+        let previous = if header.has_value_batch {
+            let inner = device.clone().without_autodiff();
+            let empty = || Tensor::zeros([1, 1], &inner);
+            Some(load_module(ValueBatch::new(empty(), empty()), &dir.join(VALUE_BATCH))?)
+        } else {
+            None
+        };
+        Ok(Self {
+            config: config.clone(),
+            device,
+            seed,
+            updates: header.updates,
+            actor_critic,
+            policy_optimizer: load_optimizer(&dir.join(POLICY_ADAM))?,
+            value_optimizer: load_optimizer(&dir.join(VALUE_ADAM))?,
+            adaptation: header.adaptation,
+            normalizer: header.normalizer,
+            previous,
+        })
+    }
+}
+
+/// Reads the networks and the normaliser alone, for evaluation, from a directory that [`Ppo::save`] wrote.
+pub fn load_actor_critic(dir: &Path, device: &Device) -> Result<(ActorCritic, Normalizer)> {
+    let header = read_header(dir)?;
+    let networks = read_networks(dir, &header, device)?;
+    Ok((networks, header.normalizer))
+}
+
+fn read_header(dir: &Path) -> Result<Header> {
+    let path = dir.join(LEARNER);
+    let text = std::fs::read_to_string(&path)
+        .map_err(|source| LearnError::Io { path: path.clone(), source })?;
+    let header: Header = toml::from_str(&text).map_err(|error| unreadable(&path, error))?;
+    for (what, got, expected) in [
+        ("format", header.format as usize, FORMAT as usize),
+        ("length of the normaliser", header.normalizer.obs_dim(), header.obs_dim),
+    ] {
+        if got != expected {
+            let (got, expected) = (got.to_string(), expected.to_string());
+            return Err(LearnError::Mismatch { path, what, got, expected });
+        }
+    }
+    Ok(header)
+}
+
+fn read_networks(dir: &Path, header: &Header, device: &Device) -> Result<ActorCritic> {
+    let Header { obs_dim, action_dim, hidden, .. } = header;
+    // Zero weights would have no orthogonal basis; any numbers do, as the records replace them.
+    let mut counter = 0.0_f64;
+    let mut filler = || {
+        counter += 1.0;
+        counter.sin()
+    };
+    let ActorCritic { policy, value } =
+        ActorCritic::new(*obs_dim, hidden, *action_dim, 0.0, &mut filler, device);
+    Ok(ActorCritic {
+        policy: load_module(policy, &dir.join(POLICY))?,
+        value: load_module(value, &dir.join(VALUE))?,
+    })
+}
+
+fn save_module<M: Module>(module: &M, path: &Path) -> Result<()> {
+    module.clone().into_record().save(path).map_err(|error| unreadable(path, error))
+}
+
+fn load_module<M: Module>(module: M, path: &Path) -> Result<M> {
+    module.try_load_file(path).map_err(|error| unreadable(path, error))
+}
+
+fn save_optimizer(optimizer: &ModuleOptimizer, path: &Path) -> Result<()> {
+    optimizer.save(path).map_err(|error| unreadable(path, error))
+}
+
+fn load_optimizer(path: &Path) -> Result<ModuleOptimizer> {
+    adam().load(path).map_err(|error| unreadable(path, error))
+}
+
+fn unreadable(path: &Path, error: impl std::fmt::Display) -> LearnError {
+    LearnError::Checkpoint { path: path.into(), message: error.to_string() }
+}

@@ -1,0 +1,139 @@
+//! The arguments of every command.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
+#[derive(Debug, Parser)]
+#[command(name = "dappo-batch", version, arg_required_else_help = true, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Train a damage-aware policy into a run folder
+    Train(Box<TrainArgs>),
+    /// Run a trained policy on every damage class
+    Evaluate(EvaluateArgs),
+    /// List the damage classes of a robot
+    Classes(ClassesArgs),
+    /// Print the resolved configuration of a training run
+    Config(ConfigArgs),
+    /// Compare env steps per second with other simulators in one interleaved run
+    #[command(disable_help_flag = true)]
+    Bench(ForwardedArgs),
+    /// Say what is installed, what works and what to install
+    #[command(disable_help_flag = true)]
+    Doctor(ForwardedArgs),
+}
+
+/// Where a configuration comes from; later sources win.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    /// Built-in robot (ant, hexapod) or path of a robot file [default: ant]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<String>,
+    /// Configuration file instead of the robot's own in configs/
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Number of envs simulated at once
+    #[arg(long, value_name = "N")]
+    pub envs: Option<i64>,
+    /// Env steps of the whole run
+    #[arg(long, value_name = "N")]
+    pub steps: Option<i64>,
+    /// Seed of all random streams
+    #[arg(long, value_name = "S")]
+    pub seed: Option<i64>,
+    /// Where to simulate; this version has the CPU
+    #[arg(long, value_parser = ["auto", "cpu"], default_value = "auto")]
+    pub device: String,
+    /// Physics backend
+    #[arg(long, value_parser = ["auto", "mujoco"])]
+    pub backend: Option<String>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<i64>,
+    /// Hide the damage code from the policy (PPO-Unaware)
+    #[arg(long)]
+    pub unaware: bool,
+    /// Train on the healthy robot alone (the expert)
+    #[arg(long)]
+    pub healthy: bool,
+    /// Reward function of the robot, for example paper or gym
+    #[arg(long, value_name = "NAME")]
+    pub reward: Option<String>,
+    /// Integrator, if not the robot's own; euler is faster and another physics
+    #[arg(long, value_parser = ["rk4", "euler"])]
+    pub physics: Option<String>,
+    /// Any other setting, for example ppo.gamma=0.99 (see `dappo-batch config`)
+    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+    pub set: Vec<String>,
+}
+
+/// Arguments of `train`.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// The configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// Run folder [default: runs/ROBOT-SEED-TIME]
+    #[arg(long, value_name = "DIR")]
+    pub run: Option<PathBuf>,
+    /// Go on with an earlier run; --steps may extend it
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "unaware", "healthy", "reward", "physics", "set"])]
+    pub resume: Option<PathBuf>,
+    /// Print one JSON object an iteration instead of a progress bar
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Run folder
+    #[arg(value_name = "RUN")]
+    pub run: PathBuf,
+    /// Episodes a damage class [default: the run's]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub episodes: Option<u32>,
+    /// Seed of the initial states [default: the run's]
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub threads: Option<u32>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `classes`.
+#[derive(Debug, Args)]
+pub struct ClassesArgs {
+    /// Built-in robot or path of a robot file
+    #[arg(long, default_value = "ant", value_name = "NAME|FILE")]
+    pub robot: String,
+    /// Damage types, comma separated [default: the robot's]
+    #[arg(long, value_delimiter = ',', value_name = "TYPES")]
+    pub types: Option<Vec<String>>,
+    /// Largest number of damaged limbs [default: the robot's]
+    #[arg(long, value_name = "M")]
+    pub max_damaged_limbs: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments that a Python module reads.
+#[derive(Debug, Args)]
+pub struct ForwardedArgs {
+    /// Everything after the command's name
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    pub arguments: Vec<String>,
+}

@@ -1,0 +1,68 @@
+//! `dappo-batch evaluate`, and the table at the end of a training.
+
+use dappo_learn::Ppo;
+use dappo_learn::checkpoint::Checkpoint;
+use dappo_learn::config::Config;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::evaluate::{Evaluation, evaluate};
+use dappo_learn::run_folder::RunFolder;
+use pyo3::prelude::*;
+
+use super::args::EvaluateArgs;
+use super::console;
+use crate::errors::{Kind, from_learn, raise};
+use crate::factory::TableFactory;
+
+pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
+    let (run, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
+    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+    let episodes = arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
+    let seed = arguments.seed.unwrap_or(config.evaluation.seed);
+    let factory = TableFactory::compile(py, &config)?;
+    let evaluation = py.detach(|| {
+        let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
+        let ppo = Ppo::load(&checkpoint.folder, &config.ppo, &dappo_learn::cpu())?;
+        evaluate_and_save(&ppo, &config, &factory, &run, episodes, seed)
+    });
+    let evaluation = evaluation.map_err(|error| from_learn(&error))?;
+    if arguments.json {
+        let text = serde_json::to_string(&evaluation).map_err(|error| raise(Kind::Config, error.to_string()))?;
+        console::print_line(&text);
+    } else {
+        show(&evaluation);
+    }
+    Ok(0)
+}
+
+/// Evaluates a policy and writes `eval/per_class.csv`.
+pub fn evaluate_and_save(
+    ppo: &Ppo,
+    config: &Config,
+    factory: &TableFactory,
+    run: &RunFolder,
+    episodes: usize,
+    seed: u64,
+) -> dappo_learn::Result<Evaluation> {
+    let evaluation = evaluate(ppo, config, factory, episodes, seed)?;
+    run.write_evaluation("per_class.csv", &evaluation.to_csv())?;
+    Ok(evaluation)
+}
+
+/// Prints the per-class table.
+pub fn show(evaluation: &Evaluation) {
+    console::print_line(&format!(
+        "{:>5}  {:<36} {:<7} {:>14} {:>8} {:>8} {:>6}",
+        "class", "name", "group", "forward reward", "± s.e.", "length", "falls"
+    ));
+    for c in &evaluation.classes {
+        console::print_line(&format!(
+            "{:>5}  {:<36} {:<7} {:>14.1} {:>8.1} {:>8.0} {:>3}/{}",
+            c.class, c.name, c.group, c.forward_reward, c.standard_error, c.episode_length, c.falls, c.episodes
+        ));
+    }
+    console::print_line(&format!(
+        "mean forward reward over {} classes: {:.1}",
+        evaluation.classes.len(),
+        evaluation.mean_forward_reward()
+    ));
+}

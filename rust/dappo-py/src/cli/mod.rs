@@ -1,0 +1,63 @@
+//! The command line. Exit codes: 0 done, 1 failed, 2 bad usage, 130 interrupted.
+
+mod args;
+mod classes;
+mod console;
+mod evaluate;
+mod progress;
+mod settings;
+mod train;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+use pyo3::prelude::*;
+
+use args::{Cli, Command, ForwardedArgs};
+
+const FAILED: i32 = 1;
+const BAD_USAGE: i32 = 2;
+const INTERRUPTED: i32 = 130;
+
+/// Runs the command line and returns its exit code.
+#[pyfunction]
+pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
+    let cli = match Cli::try_parse_from(std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned())) {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Writing to a closed terminal can fail; the exit code still says what happened.
+            let _ = error.print();
+            let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+            return if asked { 0 } else { BAD_USAGE };
+        }
+    };
+    let outcome = match &cli.command {
+        Command::Train(arguments) => train::run(py, arguments, &argv),
+        Command::Evaluate(arguments) => evaluate::run(py, arguments),
+        Command::Classes(arguments) => classes::run(py, arguments),
+        Command::Config(arguments) => settings::print(py, arguments),
+        Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
+        Command::Doctor(arguments) => forward(py, "dappo_batch.doctor", arguments),
+    };
+    outcome.unwrap_or_else(|error| report(py, &error))
+}
+
+fn forward(py: Python<'_>, module: &str, arguments: &ForwardedArgs) -> PyResult<i32> {
+    py.import(module)?.call_method1("main", (arguments.arguments.clone(),))?.extract()
+}
+
+/// Prints an error and chooses the exit code. Our own exceptions explain themselves; others keep their trace.
+fn report(py: Python<'_>, error: &PyErr) -> i32 {
+    if error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
+        return INTERRUPTED;
+    }
+    if let Ok(exit) = error.value(py).cast::<pyo3::exceptions::PySystemExit>() {
+        // A forwarded command's own argument parser has spoken already.
+        return exit.getattr("code").and_then(|code| code.extract()).unwrap_or(BAD_USAGE);
+    }
+    if crate::errors::is_ours(py, error) {
+        console::error(&error.value(py).to_string());
+    } else {
+        error.print(py);
+    }
+    FAILED
+}

@@ -1,0 +1,81 @@
+//! What a person or a program sees of a running training.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dappo_learn::config::Config;
+use dappo_learn::metrics::Metrics;
+use dappo_learn::train::Observer;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::console;
+
+/// Shows iterations and passes Ctrl-C on.
+pub struct Display {
+    bar: ProgressBar,
+    json: bool,
+    interrupted: Arc<AtomicBool>,
+    iterations: u64,
+    steps_an_iteration: u64,
+    last_forward: Option<f64>,
+}
+
+impl Display {
+    /// A progress bar on a terminal, or one JSON object an iteration.
+    pub fn new(config: &Config, json: bool, interrupted: Arc<AtomicBool>) -> Self {
+        let bar = if json { ProgressBar::hidden() } else { ProgressBar::new(config.total_steps) };
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
+            bar.set_style(style);
+        }
+        let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
+        Self {
+            bar,
+            json,
+            interrupted,
+            iterations: config.total_steps.div_ceil(steps_an_iteration),
+            steps_an_iteration,
+            last_forward: None,
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Observer for Display {
+    fn iteration(&mut self, metrics: &Metrics) {
+        if self.json {
+            if let Ok(line) = serde_json::to_string(metrics) {
+                console::print_line(&line);
+            }
+            return;
+        }
+        self.last_forward = metrics.episodes.forward_reward.or(self.last_forward);
+        let forward = self.last_forward.map_or("–".to_owned(), |forward| format!("{forward:.0}"));
+        let rate = self.steps_an_iteration as f64 / (metrics.rollout_seconds + metrics.update_seconds);
+        let message = format!(
+            "iteration {}/{} · {} · forward reward {forward} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
+            metrics.iteration,
+            self.iterations,
+            metrics.stage,
+            rate / 1000.0,
+            metrics.rollout_seconds,
+            metrics.update_seconds
+        );
+        self.bar.set_position(metrics.env_steps);
+        if self.bar.is_hidden() {
+            // Not a terminal: one line now and then.
+            if metrics.iteration.is_multiple_of(20) || metrics.iteration == self.iterations {
+                console::note(&message);
+            }
+        } else {
+            self.bar.set_message(message);
+        }
+    }
+
+    fn should_stop(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+}

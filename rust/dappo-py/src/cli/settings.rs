@@ -1,0 +1,63 @@
+//! From command-line arguments to a configuration.
+
+use dappo_learn::config::{Config, Layers};
+use pyo3::prelude::*;
+
+use super::args::ConfigArgs;
+use super::console;
+use crate::errors::{Kind, from_learn, raise};
+
+/// The resolved configuration of a new run.
+pub fn resolve(arguments: &ConfigArgs) -> PyResult<Config> {
+    layers(arguments).and_then(Layers::resolve).map_err(|error| from_learn(&error))
+}
+
+fn layers(arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {
+    let mut layers = Layers::default();
+    if let Some(path) = &arguments.config {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| dappo_learn::LearnError::Io { path: path.clone(), source })?;
+        layers.add_toml(&text, &path.display().to_string())?;
+    } else {
+        layers = Layers::built_in(arguments.robot.as_deref().unwrap_or("ant"))?;
+    }
+    for (key, value) in [
+        ("env.num_envs", arguments.envs),
+        ("total_steps", arguments.steps),
+        ("seed", arguments.seed),
+        ("env.threads", arguments.threads),
+    ] {
+        if let Some(value) = value {
+            layers.set(key, value)?;
+        }
+    }
+    for (key, value) in [
+        ("robot", &arguments.robot),
+        ("env.backend", &arguments.backend),
+        ("env.reward", &arguments.reward),
+        ("env.physics", &arguments.physics),
+    ] {
+        if let Some(value) = value {
+            layers.set(key, value.as_str())?;
+        }
+    }
+    if arguments.unaware {
+        layers.set("env.observe_damage", false)?;
+    }
+    if arguments.healthy {
+        layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
+    }
+    for assignment in &arguments.set {
+        layers.set_assignment(assignment)?;
+    }
+    Ok(layers)
+}
+
+/// `dappo-batch config`: prints the resolved configuration.
+pub fn print(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<i32> {
+    let config = resolve(arguments)?;
+    // Loading the robot checks its name, so that a typing error shows here and not in the training.
+    py.import("dappo_batch.robots")?.call_method1("load_robot", (&config.robot,))?;
+    console::print(&config.to_toml().map_err(|error| raise(Kind::Config, error.to_string()))?);
+    Ok(0)
+}
