@@ -35,11 +35,14 @@ def state_spec() -> int:
     The bits differ between MuJoCo versions, so they are read from the installed one: time, positions,
     velocities, activations, and the solver's warm start.
     """
-    return int(mujoco.mjtState.mjSTATE_PHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART) | int(
-        mujoco.mjtState.mjSTATE_TIME
+    return (
+        int(mujoco.mjtState.mjSTATE_PHYSICS)
+        | int(mujoco.mjtState.mjSTATE_WARMSTART)
+        | int(mujoco.mjtState.mjSTATE_TIME)
     )
 
 
 def integrator_name(table: ClassTable) -> str:
     """Return the integrator of a class table's models, for example ``rk4``."""
-    return mujoco.mjtIntegrator(table.models[0].opt.integrator).name.removeprefix("mjINT_").lower()
+    name: str = mujoco.mjtIntegrator(table.models[0].opt.integrator).name
+    return name.removeprefix("mjINT_").lower()

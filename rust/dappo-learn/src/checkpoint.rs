@@ -71,8 +71,10 @@ impl Checkpoint {
         remove_folder(&temporary)?;
         fs::create_dir_all(&temporary).map_err(io(&temporary))?;
         fill(&temporary)?;
-        let manifest = Manifest { format: FORMAT.into(), robot: robot.into(), progress, files: list(&temporary)? };
-        let text = serde_json::to_string_pretty(&manifest).map_err(|error| broken(&temporary, error.to_string()))?;
+        let manifest =
+            Manifest { format: FORMAT.into(), robot: robot.into(), progress, files: list(&temporary)? };
+        let text =
+            serde_json::to_string_pretty(&manifest).map_err(|error| broken(&temporary, error.to_string()))?;
         write_synced(&temporary.join(MANIFEST), text.as_bytes())?;
         remove_folder(&folder)?;
         fs::rename(&temporary, &folder).map_err(io(&folder))?;
@@ -95,13 +97,17 @@ impl Checkpoint {
         let path = folder.join(MANIFEST);
         let text = fs::read_to_string(&path)
             .map_err(|error| broken(&path, format!("it cannot be read ({error}); this is no checkpoint")))?;
-        let manifest: Manifest = serde_json::from_str(&text)
-            .map_err(|error| broken(&path, format!("it is truncated or foreign ({error}); use an older checkpoint")))?;
+        let manifest: Manifest = serde_json::from_str(&text).map_err(|error| {
+            broken(&path, format!("it is truncated or foreign ({error}); use an older checkpoint"))
+        })?;
         if manifest.format != FORMAT {
             return Err(broken(&path, format!("its format is `{}`, expected `{FORMAT}`", manifest.format)));
         }
         if manifest.robot != robot {
-            return Err(broken(&path, format!("it belongs to robot `{}`, expected `{robot}`", manifest.robot)));
+            return Err(broken(
+                &path,
+                format!("it belongs to robot `{}`, expected `{robot}`", manifest.robot),
+            ));
         }
         for file in &manifest.files {
             verify(&folder.join(&file.name), file)?;
@@ -116,13 +122,20 @@ fn broken(path: &Path, message: String) -> LearnError {
 
 fn verify(path: &Path, expected: &FileEntry) -> Result<()> {
     let advice = "remove this checkpoint to go on from the one before";
-    let bytes = fs::read(path).map_err(|error| broken(path, format!("it cannot be read ({error}); {advice}")))?;
+    let bytes =
+        fs::read(path).map_err(|error| broken(path, format!("it cannot be read ({error}); {advice}")))?;
     if bytes.len() as u64 != expected.bytes {
-        return Err(broken(path, format!("it has {} bytes, expected {}; {advice}", bytes.len(), expected.bytes)));
+        return Err(broken(
+            path,
+            format!("it has {} bytes, expected {}; {advice}", bytes.len(), expected.bytes),
+        ));
     }
     let found = crc32fast::hash(&bytes);
     if found != expected.crc32 {
-        return Err(broken(path, format!("its CRC-32 is {found:08x}, expected {:08x}; {advice}", expected.crc32)));
+        return Err(broken(
+            path,
+            format!("its CRC-32 is {found:08x}, expected {:08x}; {advice}", expected.crc32),
+        ));
     }
     Ok(())
 }
@@ -149,7 +162,8 @@ fn numbered(checkpoints: &Path) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(checkpoints).map_err(io(checkpoints))? {
         let path = entry.map_err(io(checkpoints))?.path();
-        let is_number = path.file_name().is_some_and(|name| name.to_string_lossy().bytes().all(|c| c.is_ascii_digit()));
+        let is_number =
+            path.file_name().is_some_and(|name| name.to_string_lossy().bytes().all(|c| c.is_ascii_digit()));
         if path.is_dir() && is_number {
             found.push(path);
         }
@@ -186,8 +200,10 @@ mod tests {
 
     fn write(at: &Path, iteration: u64, content: &str) {
         let progress = Progress { iteration, env_steps: iteration * 10, stage: 0 };
-        Checkpoint::write(at, "ant", progress, 2, |folder| write_synced(&folder.join("weights"), content.as_bytes()))
-            .unwrap();
+        Checkpoint::write(at, "ant", progress, 2, |folder| {
+            write_synced(&folder.join("weights"), content.as_bytes())
+        })
+        .unwrap();
     }
 
     #[test]

@@ -16,7 +16,8 @@ pub trait EnvFactory {
     fn space(&self) -> &DamageSpace;
 
     /// A vector env with one env for each key of `config`, and the reward of this name.
-    fn make(&self, config: VectorEnvConfig, reward: Option<&str>) -> std::result::Result<VectorEnv, SimError>;
+    fn make(&self, config: VectorEnvConfig, reward: Option<&str>)
+    -> std::result::Result<VectorEnv, SimError>;
 
     /// The training envs of a configuration.
     fn env_config(&self, config: &Config) -> Result<VectorEnvConfig> {

@@ -148,7 +148,8 @@ impl Evaluation {
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text =
-            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls\n".to_owned();
+            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls\n"
+                .to_owned();
         for c in &self.classes {
             // Writing to a String cannot fail.
             let _ = writeln!(

@@ -101,14 +101,16 @@ impl RunFolder {
     /// Writes `meta.json`.
     pub fn write_meta(&self, meta: &Meta) -> Result<()> {
         let path = self.root.join("meta.json");
-        let text = serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
+        let text =
+            serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
         write_atomically(&path, text.as_bytes())
     }
 
     /// Appends one line to `metrics.jsonl`.
     pub fn append_metrics(&self, metrics: &Metrics) -> Result<()> {
         let path = self.metrics_path();
-        let mut line = serde_json::to_string(metrics).map_err(|error| LearnError::Invalid(error.to_string()))?;
+        let mut line =
+            serde_json::to_string(metrics).map_err(|error| LearnError::Invalid(error.to_string()))?;
         line.push('\n');
         let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(io(&path))?;
         file.write_all(line.as_bytes()).map_err(io(&path))

@@ -55,9 +55,11 @@ impl<'py> ClassTable<'py> {
         let available = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = threads.unwrap_or(available).min(num_envs.max(1));
         let task = Task::new(&self.robot, &self.layout, reward).map_err(|error| from_sim(&error))?;
-        let path: PathBuf = py.import("dappo_batch.mujoco_library")?.call_method0("library_path")?.extract()?;
+        let path: PathBuf =
+            py.import("dappo_batch.mujoco_library")?.call_method0("library_path")?.extract()?;
         let library = MujocoLibrary::load(&path).map_err(|error| from_sim(&error))?;
-        let backend = MujocoBackend::new(task, library, self.model_table()?, self.workers(threads)?, num_envs);
+        let backend =
+            MujocoBackend::new(task, &library, self.model_table()?, self.workers(threads)?, num_envs);
         Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
     }
 
@@ -72,7 +74,12 @@ impl<'py> ClassTable<'py> {
         // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
         // checked that all models have equal sizes.
         let table = unsafe {
-            ModelTable::new(&addresses, muted.iter().map(mask).collect(), spec, Box::new(self.object.clone().unbind()))
+            ModelTable::new(
+                &addresses,
+                muted.iter().map(mask).collect(),
+                spec,
+                Box::new(self.object.clone().unbind()),
+            )
         };
         table.map_err(|error| from_sim(&error))
     }
@@ -88,9 +95,16 @@ impl<'py> ClassTable<'py> {
             Ok(Field { address: array.data() as usize, len: array.len() })
         };
         let xpos = field("xpos")?;
-        let main_body_xpos = Field { address: xpos.address + self.layout.main_body * 3 * size_of::<f64>(), len: 3 };
-        let fields =
-            [field("qpos")?, field("qvel")?, field("ctrl")?, field("cfrc_ext")?, field("sensordata")?, main_body_xpos];
+        let main_body_xpos =
+            Field { address: xpos.address + self.layout.main_body * 3 * size_of::<f64>(), len: 3 };
+        let fields = [
+            field("qpos")?,
+            field("qvel")?,
+            field("ctrl")?,
+            field("cfrc_ext")?,
+            field("sensordata")?,
+            main_body_xpos,
+        ];
         let address: usize = data.getattr("_address")?.extract()?;
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
         // which the owner keeps alive.

@@ -50,13 +50,24 @@ fn tree(py: Python<'_>) -> PyResult<&Tree> {
     TREE.get_or_try_init(py, || {
         let value = || py.get_type::<PyValueError>();
         let runtime = || py.get_type::<PyRuntimeError>();
-        let base = new_type(py, "DappoError", "Base of all errors of dappo-batch.", vec![py.get_type::<PyException>()])?;
+        let base = new_type(
+            py,
+            "DappoError",
+            "Base of all errors of dappo-batch.",
+            vec![py.get_type::<PyException>()],
+        )?;
         let under = |name, doc, second| new_type(py, name, doc, vec![base.clone(), second]);
         Ok(Tree {
-            config: under("ConfigError", "An option, robot file or damage specification cannot be used.", value())?.unbind(),
+            config: under(
+                "ConfigError",
+                "An option, robot file or damage specification cannot be used.",
+                value(),
+            )?
+            .unbind(),
             shape: under("ShapeError", "An array has the wrong shape or dtype.", value())?.unbind(),
             simulation: under("SimulationError", "The simulation cannot go on.", runtime())?.unbind(),
-            checkpoint: under("CheckpointError", "A run folder or checkpoint cannot be used.", runtime())?.unbind(),
+            checkpoint: under("CheckpointError", "A run folder or checkpoint cannot be used.", runtime())?
+                .unbind(),
             base: base.unbind(),
         })
     })
@@ -113,7 +124,9 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         LearnError::Config { .. } | LearnError::Invalid(_) => Kind::Config,
         LearnError::Length { .. } => Kind::Shape,
         LearnError::NonFinite { .. } | LearnError::Tensor { .. } => Kind::Simulation,
-        LearnError::Mismatch { .. } | LearnError::Checkpoint { .. } | LearnError::Io { .. } => Kind::Checkpoint,
+        LearnError::Mismatch { .. } | LearnError::Checkpoint { .. } | LearnError::Io { .. } => {
+            Kind::Checkpoint
+        }
     };
     raise(kind, error.to_string())
 }

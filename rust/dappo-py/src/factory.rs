@@ -45,7 +45,9 @@ impl TableFactory {
 
     /// Integrator of the compiled models, as MuJoCo names it.
     pub fn integrator(&self, py: Python<'_>) -> PyResult<String> {
-        py.import("dappo_batch.mujoco_library")?.call_method1("integrator_name", (self.table.bind(py),))?.extract()
+        py.import("dappo_batch.mujoco_library")?
+            .call_method1("integrator_name", (self.table.bind(py),))?
+            .extract()
     }
 }
 

@@ -51,7 +51,9 @@ fn parse_autoreset(mode: &str) -> PyResult<Autoreset> {
 /// Entries below zero mean "draw".
 fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Option<usize>>>> {
     values
-        .map(|values| Ok(values.as_slice().map_err(not_contiguous)?.iter().map(|&v| usize::try_from(v).ok()).collect()))
+        .map(|values| {
+            Ok(values.as_slice().map_err(not_contiguous)?.iter().map(|&v| usize::try_from(v).ok()).collect())
+        })
         .transpose()
 }
 
@@ -178,7 +180,11 @@ impl PyVectorEnv {
         if (rows, columns) != (env.num_envs(), env.action_dim()) {
             return Err(raise(
                 Kind::Shape,
-                format!("actions have shape ({rows}, {columns}), expected ({}, {})", env.num_envs(), env.action_dim()),
+                format!(
+                    "actions have shape ({rows}, {columns}), expected ({}, {})",
+                    env.num_envs(),
+                    env.action_dim()
+                ),
             ));
         }
         let actions = actions.as_slice().map_err(not_contiguous)?;
@@ -202,7 +208,11 @@ impl PyVectorEnv {
     }
 
     /// Puts every env into a given state and refreshes the observations.
-    fn set_state(&mut self, qpos: PyReadonlyArray2<'_, f64>, qvel: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+    fn set_state(
+        &mut self,
+        qpos: PyReadonlyArray2<'_, f64>,
+        qvel: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
         let positions = qpos.as_slice().map_err(not_contiguous)?;
         let velocities = qvel.as_slice().map_err(not_contiguous)?;
         self.env_mut()?.set_state(positions, velocities).map_err(|error| from_sim(&error))

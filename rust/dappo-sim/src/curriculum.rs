@@ -114,7 +114,9 @@ impl ClassMix {
                     let (stratum, weight) = of(damages);
                     weight / sizes[stratum] as f64
                 };
-                ClassDistribution::from_weights(&classes.iter().map(|c| weight(c.damages.len())).collect::<Vec<_>>())
+                ClassDistribution::from_weights(
+                    &classes.iter().map(|c| weight(c.damages.len())).collect::<Vec<_>>(),
+                )
             }
         }
     }
@@ -196,7 +198,8 @@ mod tests {
 
     #[test]
     fn stages_follow_their_budgets() {
-        let stage = |name: &str, budget| Stage { name: name.into(), budget, mix: ClassMix::Named("uniform".into()) };
+        let stage =
+            |name: &str, budget| Stage { name: name.into(), budget, mix: ClassMix::Named("uniform".into()) };
         let stages = [stage("I", 1.0), stage("II", 1.0), stage("III", 2.0)];
         let at = |progress| stage_at(&stages, progress);
         assert_eq!([at(0.0), at(0.24), at(0.25), at(0.49), at(0.5), at(1.0)], [0, 0, 1, 1, 2, 2]);

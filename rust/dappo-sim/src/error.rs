@@ -21,7 +21,9 @@ pub enum SimError {
     },
 
     /// An action that is NaN or infinite.
-    #[error("the action of env {env} is not finite (component {component} is {value}); check the policy's output")]
+    #[error(
+        "the action of env {env} is not finite (component {component} is {value}); check the policy's output"
+    )]
     NonFiniteAction {
         /// Index of the env.
         env: usize,

@@ -134,18 +134,18 @@ mod tests {
 
     #[test]
     fn uniforms_and_normals_have_the_moments_of_their_distributions() {
-        let count = 200_000;
+        let count = 200_000_u32;
         let mut stream = Stream::new(7, 0, Purpose::InitialState);
         let moments = |draws: &[f64]| {
-            let mean = draws.iter().sum::<f64>() / count as f64;
-            (mean, draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count as f64)
+            let mean = draws.iter().sum::<f64>() / f64::from(count);
+            (mean, draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / f64::from(count))
         };
         let (mean, variance) = moments(&(0..count).map(|_| stream.uniform()).collect::<Vec<_>>());
-        assert!((mean - 0.5).abs() < 4.0 * (1.0_f64 / 12.0 / count as f64).sqrt(), "mean {mean}");
+        assert!((mean - 0.5).abs() < 4.0 * (1.0_f64 / 12.0 / f64::from(count)).sqrt(), "mean {mean}");
         assert!((variance - 1.0 / 12.0).abs() < 1e-3, "variance {variance}");
         let (mean, variance) = moments(&(0..count).map(|_| stream.normal()).collect::<Vec<_>>());
-        assert!(mean.abs() < 4.0 / (count as f64).sqrt(), "mean {mean}");
-        assert!((variance - 1.0).abs() < 4.0 * (2.0 / count as f64).sqrt(), "variance {variance}");
+        assert!(mean.abs() < 4.0 / (f64::from(count)).sqrt(), "mean {mean}");
+        assert!((variance - 1.0).abs() < 4.0 * (2.0 / f64::from(count)).sqrt(), "variance {variance}");
     }
 
     #[test]

@@ -118,8 +118,8 @@ pub struct RewardFunction {
 impl Robot {
     /// Parses and checks a robot file.
     pub fn from_toml(text: &str) -> Result<Self, SimError> {
-        let robot: Self =
-            toml::from_str(text).map_err(|error| SimError::Config(format!("cannot read the robot file: {error}")))?;
+        let robot: Self = toml::from_str(text)
+            .map_err(|error| SimError::Config(format!("cannot read the robot file: {error}")))?;
         robot.check()?;
         Ok(robot)
     }
@@ -147,7 +147,10 @@ impl Robot {
         }
         let touch = self.limbs.iter().filter(|limb| limb.touch.is_some()).count();
         if touch != 0 && touch != self.limbs.len() {
-            return bad(format!("{touch} of {} limbs have a `touch` sensor; give it to all or none", self.limbs.len()));
+            return bad(format!(
+                "{touch} of {} limbs have a `touch` sensor; give it to all or none",
+                self.limbs.len()
+            ));
         }
         if touch == 0 && self.observation.terms.contains(&ObservationTerm::Touch) {
             return bad("the observation term `touch` needs a `touch` sensor on every limb".into());
@@ -160,7 +163,11 @@ impl Robot {
         let name = name.unwrap_or(&self.reward.default);
         self.reward.functions.get(name).ok_or_else(|| {
             let known: Vec<&str> = self.reward.functions.keys().map(String::as_str).collect();
-            SimError::Config(format!("robot `{}` has no reward `{name}`; it has {}", self.name, known.join(", ")))
+            SimError::Config(format!(
+                "robot `{}` has no reward `{name}`; it has {}",
+                self.name,
+                known.join(", ")
+            ))
         })
     }
 }

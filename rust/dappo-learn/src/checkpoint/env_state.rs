@@ -113,7 +113,11 @@ mod tests {
         episodes.forward = vec![1.5, f64::MIN_POSITIVE];
         let state = EnvState {
             envs: VectorEnvSnapshot {
-                backend: BackendSnapshot { row: 2, rows: vec![0.1, -0.0, f64::NAN, 1e300], classes: vec![0, 32] },
+                backend: BackendSnapshot {
+                    row: 2,
+                    rows: vec![0.1, -0.0, f64::NAN, 1e300],
+                    classes: vec![0, 32],
+                },
                 episodes: vec![[u64::MAX, 1, 2, 3, 4, 1], [5, 6, 7, 8, 9, 0]],
                 obs: vec![0.25, f32::INFINITY],
             },

@@ -39,13 +39,17 @@ impl Layers {
         let mut table = &mut self.table;
         let mut parts: Vec<&str> = key.split('.').collect();
         let last = parts.pop().filter(|part| !part.is_empty());
-        let last = last.ok_or_else(|| LearnError::Invalid(format!("`{key}` is no key; expected for example ppo.gamma")))?;
+        let last = last.ok_or_else(|| {
+            LearnError::Invalid(format!("`{key}` is no key; expected for example ppo.gamma"))
+        })?;
         for part in parts {
             table = table
                 .entry(part)
                 .or_insert_with(|| toml::Value::Table(toml::Table::new()))
                 .as_table_mut()
-                .ok_or_else(|| LearnError::Invalid(format!("`{key}` cannot be set: `{part}` is a value, not a section")))?;
+                .ok_or_else(|| {
+                    LearnError::Invalid(format!("`{key}` cannot be set: `{part}` is a value, not a section"))
+                })?;
         }
         table.insert(last.to_owned(), value.into());
         Ok(())
@@ -54,9 +58,14 @@ impl Layers {
     /// Sets one `key=value` of the command line; the value is TOML, or a plain word.
     pub fn set_assignment(&mut self, assignment: &str) -> Result<(), LearnError> {
         let (key, value) = assignment.split_once('=').ok_or_else(|| {
-            LearnError::Invalid(format!("`{assignment}` is no assignment; expected key=value, for example ppo.gamma=0.99"))
+            LearnError::Invalid(format!(
+                "`{assignment}` is no assignment; expected key=value, for example ppo.gamma=0.99"
+            ))
         })?;
-        let parsed = format!("value = {value}").parse::<toml::Table>().ok().and_then(|mut table| table.remove("value"));
+        let parsed = format!("value = {value}")
+            .parse::<toml::Table>()
+            .ok()
+            .and_then(|mut table| table.remove("value"));
         self.set(key.trim(), parsed.unwrap_or_else(|| toml::Value::String(value.trim().to_owned())))
     }
 
@@ -71,7 +80,8 @@ impl Layers {
         let refused = |error: toml::de::Error| LearnError::Invalid(format!("configuration refused: {error}"));
         if let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) {
             let name = ppo.remove("preset").unwrap_or_else(|| "paper".into());
-            let name = name.as_str().ok_or_else(|| LearnError::Invalid("`ppo.preset` must be a name".into()))?;
+            let name =
+                name.as_str().ok_or_else(|| LearnError::Invalid("`ppo.preset` must be a name".into()))?;
             let preset = toml::Table::try_from(PpoConfig::preset(name)?)
                 .map_err(|error| LearnError::Invalid(format!("cannot write the preset `{name}`: {error}")))?;
             let given = std::mem::replace(ppo, preset);

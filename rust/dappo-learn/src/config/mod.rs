@@ -154,7 +154,11 @@ impl Default for Config {
             checkpoint: CheckpointSection::default(),
             evaluation: EvaluationSection::default(),
             ppo: PpoConfig::default(),
-            curriculum: vec![Stage { name: "all".into(), budget: 1.0, mix: ClassMix::Named("uniform".into()) }],
+            curriculum: vec![Stage {
+                name: "all".into(),
+                budget: 1.0,
+                mix: ClassMix::Named("uniform".into()),
+            }],
         }
     }
 }
@@ -162,7 +166,8 @@ impl Default for Config {
 impl Config {
     /// The configuration as TOML; reading it back gives the same configuration.
     pub fn to_toml(&self) -> Result<String, LearnError> {
-        toml::to_string(self).map_err(|error| LearnError::Invalid(format!("cannot write the configuration: {error}")))
+        toml::to_string(self)
+            .map_err(|error| LearnError::Invalid(format!("cannot write the configuration: {error}")))
     }
 
     /// Checks what types cannot express.
@@ -181,16 +186,26 @@ impl Config {
             }
         }
         if !(self.damage.severity > 0.0 && self.damage.severity <= 1.0) {
-            return bad(format!("`damage.severity` is {}, expected a number above 0 and at most 1", self.damage.severity));
+            return bad(format!(
+                "`damage.severity` is {}, expected a number above 0 and at most 1",
+                self.damage.severity
+            ));
         }
         if !["auto", "mujoco"].contains(&self.env.backend.as_str()) {
             return bad(format!("`env.backend` is `{}`, expected `auto` or `mujoco`", self.env.backend));
         }
         if self.curriculum.is_empty() {
-            return bad("`curriculum` has no stage; leave it out for one stage over all damage classes".into());
+            return bad(
+                "`curriculum` has no stage; leave it out for one stage over all damage classes".into()
+            );
         }
-        if let Some(stage) = self.curriculum.iter().find(|stage| !(stage.budget.is_finite() && stage.budget > 0.0)) {
-            return bad(format!("stage `{}` has budget {}, expected a positive number", stage.name, stage.budget));
+        if let Some(stage) =
+            self.curriculum.iter().find(|stage| !(stage.budget.is_finite() && stage.budget > 0.0))
+        {
+            return bad(format!(
+                "stage `{}` has budget {}, expected a positive number",
+                stage.name, stage.budget
+            ));
         }
         self.ppo.check()
     }

@@ -34,7 +34,12 @@ pub(super) fn tanh_mlp(x: Tensor<2>, parameters: Tensor<1>, sizes: Vec<usize>) -
 }
 
 /// Runs the kernel; with `keep`, also returns the hidden activations.
-fn run_forward(x: &FlexTensor, parameters: &FlexTensor, sizes: &[usize], keep: bool) -> (FlexTensor, Vec<f32>) {
+fn run_forward(
+    x: &FlexTensor,
+    parameters: &FlexTensor,
+    sizes: &[usize],
+    keep: bool,
+) -> (FlexTensor, Vec<f32>) {
     let rows = x.shape()[0];
     let outputs = sizes[sizes.len() - 1];
     let mut out = vec![0.0; rows * outputs];
@@ -99,7 +104,8 @@ impl Backward<Flex, 2> for FusedMlpBackward {
 
 impl<C: CheckpointStrategy> FusedMlp for Autodiff<Flex, C> {
     fn tanh_mlp(x: FloatTensor<Self>, parameters: FloatTensor<Self>, sizes: Vec<usize>) -> FloatTensor<Self> {
-        let prepared = FusedMlpBackward.prepare::<C>([x.node(), parameters.node()]).compute_bound().stateful();
+        let prepared =
+            FusedMlpBackward.prepare::<C>([x.node(), parameters.node()]).compute_bound().stateful();
         let x = x.into_primitive().to_contiguous();
         let parameters = parameters.into_primitive().to_contiguous();
         match prepared {

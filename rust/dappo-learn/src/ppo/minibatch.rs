@@ -34,7 +34,11 @@ pub(super) struct ValueBatch {
 }
 
 /// Both batches of a rollout, on `device`.
-pub(super) fn batches(rollout: &Rollout, targets: &Targets, device: &Device) -> Result<(PolicyBatch, ValueBatch)> {
+pub(super) fn batches(
+    rollout: &Rollout,
+    targets: &Targets,
+    device: &Device,
+) -> Result<(PolicyBatch, ValueBatch)> {
     let (rows, actions) = (rollout.len(), rollout.action_dim);
     let tensor = |values: Vec<f32>, width| Tensor::from_data(TensorData::new(values, [rows, width]), device);
     let obs: Tensor<2> = tensor(rollout.normalizer.apply(&rollout.obs)?, rollout.obs_dim);
@@ -101,7 +105,12 @@ impl ValueBatch {
 }
 
 /// The rows 0..`rows` in random order (Fisher and Yates), in minibatches of about `size`.
-pub(super) fn shuffled(rows: usize, size: usize, stream: &mut Stream, device: &Device) -> Vec<Tensor<1, Int>> {
+pub(super) fn shuffled(
+    rows: usize,
+    size: usize,
+    stream: &mut Stream,
+    device: &Device,
+) -> Vec<Tensor<1, Int>> {
     let mut order: Vec<i64> = (0..rows as i64).collect();
     for last in (1..rows).rev() {
         order.swap(last, stream.below(last as u64 + 1) as usize);

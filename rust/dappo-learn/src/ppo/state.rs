@@ -116,8 +116,8 @@ pub fn load_actor_critic(dir: &Path, device: &Device) -> Result<(ActorCritic, No
 
 fn read_header(dir: &Path) -> Result<Header> {
     let path = dir.join(LEARNER);
-    let text = std::fs::read_to_string(&path)
-        .map_err(|source| LearnError::Io { path: path.clone(), source })?;
+    let text =
+        std::fs::read_to_string(&path).map_err(|source| LearnError::Io { path: path.clone(), source })?;
     let header: Header = toml::from_str(&text).map_err(|error| unreadable(&path, error))?;
     for (what, got, expected) in [
         ("format", header.format as usize, FORMAT as usize),

@@ -30,14 +30,8 @@ impl Session {
         let noise_keys = env_config.keys.clone();
         let mut env = factory.make(env_config, config.env.reward.as_deref())?;
         env.reset(ResetOptions::default())?;
-        let ppo = Ppo::new(
-            &config.ppo,
-            env.obs_dim(),
-            env.code_length(),
-            env.action_dim(),
-            config.seed,
-            &cpu(),
-        )?;
+        let ppo =
+            Ppo::new(&config.ppo, env.obs_dim(), env.code_length(), env.action_dim(), config.seed, &cpu())?;
         Ok(Self {
             episodes: EpisodeTracker::new(env.num_envs()),
             env,

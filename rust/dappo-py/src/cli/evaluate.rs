@@ -26,7 +26,8 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
     });
     let evaluation = evaluation.map_err(|error| from_learn(&error))?;
     if arguments.json {
-        let text = serde_json::to_string(&evaluation).map_err(|error| raise(Kind::Config, error.to_string()))?;
+        let text =
+            serde_json::to_string(&evaluation).map_err(|error| raise(Kind::Config, error.to_string()))?;
         console::print_line(&text);
     } else {
         show(&evaluation);
@@ -57,7 +58,14 @@ pub fn show(evaluation: &Evaluation) {
     for c in &evaluation.classes {
         console::print_line(&format!(
             "{:>5}  {:<36} {:<7} {:>14.1} {:>8.1} {:>8.0} {:>3}/{}",
-            c.class, c.name, c.group, c.forward_reward, c.standard_error, c.episode_length, c.falls, c.episodes
+            c.class,
+            c.name,
+            c.group,
+            c.forward_reward,
+            c.standard_error,
+            c.episode_length,
+            c.falls,
+            c.episodes
         ));
     }
     console::print_line(&format!(

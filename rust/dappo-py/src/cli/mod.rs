@@ -21,7 +21,8 @@ const INTERRUPTED: i32 = 130;
 /// Runs the command line and returns its exit code.
 #[pyfunction]
 pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
-    let cli = match Cli::try_parse_from(std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned())) {
+    let cli = match Cli::try_parse_from(std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()))
+    {
         Ok(cli) => cli,
         Err(error) => {
             // Writing to a closed terminal can fail; the exit code still says what happened.

@@ -92,7 +92,10 @@ fn create(
         backend: "mujoco".into(),
         physics: factory.integrator(py)?,
         reward: factory.reward_name(config),
-        threads: config.env.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        threads: config
+            .env
+            .threads
+            .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
         command: std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()).collect(),
     };
@@ -118,7 +121,8 @@ fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String 
 fn watch_signals(interrupted: &Arc<AtomicBool>) -> PyResult<()> {
     let failed = |error: std::io::Error| raise(Kind::Simulation, format!("cannot watch for Ctrl-C: {error}"));
     for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(interrupted)).map_err(failed)?;
+        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(interrupted))
+            .map_err(failed)?;
         signal_hook::flag::register(signal, Arc::clone(interrupted)).map_err(failed)?;
     }
     Ok(())

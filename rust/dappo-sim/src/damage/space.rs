@@ -29,7 +29,9 @@ impl DamageSpace {
             )));
         }
         if max_damaged_limbs > 0 && types.is_empty() {
-            return Err(SimError::Config("max_damaged_limbs is above 0, but there are no damage types".into()));
+            return Err(SimError::Config(
+                "max_damaged_limbs is above 0, but there are no damage types".into(),
+            ));
         }
         for (index, name) in types.iter().enumerate() {
             if types[..index].contains(name) {
@@ -48,7 +50,8 @@ impl DamageSpace {
         for size in 0..=max_damaged_limbs {
             for chosen in combinations(limbs, size) {
                 for kinds in products(space.types.len(), size) {
-                    let damages = chosen.iter().zip(&kinds).map(|(&limb, &kind)| Damage { limb, kind }).collect();
+                    let damages =
+                        chosen.iter().zip(&kinds).map(|(&limb, &kind)| Damage { limb, kind }).collect();
                     space.push(damages);
                 }
             }
@@ -127,7 +130,10 @@ impl DamageSpace {
         }
         damages.sort_unstable();
         if let Some(pair) = damages.windows(2).find(|pair| pair[0].limb == pair[1].limb) {
-            return Err(SimError::Config(format!("`{spec}` damages limb {} twice; a limb has one damage", pair[0].limb)));
+            return Err(SimError::Config(format!(
+                "`{spec}` damages limb {} twice; a limb has one damage",
+                pair[0].limb
+            )));
         }
         self.classes.iter().find(|class| class.damages == damages).map(|class| class.id).ok_or_else(|| {
             SimError::Config(format!(
@@ -224,7 +230,10 @@ mod tests {
             assert_eq!(space.parse(&class.name).unwrap(), class.id);
             assert_eq!(space.parse(&class.id.to_string()).unwrap(), class.id);
         }
-        assert_eq!(space.parse("missing_toe@3 + jammed_joint@1").unwrap(), space.parse("jammed_joint@1+missing_toe@3").unwrap());
+        assert_eq!(
+            space.parse("missing_toe@3 + jammed_joint@1").unwrap(),
+            space.parse("jammed_joint@1+missing_toe@3").unwrap()
+        );
     }
 
     #[test]

@@ -54,7 +54,9 @@ impl ObservationTerm {
                 }
             }
             Self::Touch => {
-                for ((entry, &address), &muted) in out.iter_mut().zip(&layout.touch_addresses).zip(signals.muted_touch) {
+                for ((entry, &address), &muted) in
+                    out.iter_mut().zip(&layout.touch_addresses).zip(signals.muted_touch)
+                {
                     *entry = if !muted && signals.sensordata[address] > 0.0 { 1.0 } else { 0.0 };
                 }
             }

@@ -62,7 +62,12 @@ impl RewardTerm {
             Self::CtrlSquared { weight } => weight * signals.ctrl.iter().map(|c| c * c).sum::<f64>(),
             Self::ContactForcesSquared { weight, clip } => weight * clipped_square(signals.cfrc_ext, *clip),
             Self::LinkLoadsSquared { weight, clip } => {
-                weight * signals.cfrc_ext.chunks_exact(6).map(|body| clipped_square(body, *clip).powi(2)).sum::<f64>()
+                weight
+                    * signals
+                        .cfrc_ext
+                        .chunks_exact(6)
+                        .map(|body| clipped_square(body, *clip).powi(2))
+                        .sum::<f64>()
             }
         }
     }

@@ -75,7 +75,8 @@ impl Task {
     /// The reward of a step; 0 where the physics has diverged, since no number would be right.
     #[must_use]
     pub fn reward(&self, signals: &Signals, terminated: bool) -> f64 {
-        let sum: f64 = self.reward.terms.iter().map(|term| term.value(signals, &self.layout, terminated)).sum();
+        let sum: f64 =
+            self.reward.terms.iter().map(|term| term.value(signals, &self.layout, terminated)).sum();
         if sum.is_finite() { sum } else { 0.0 }
     }
 }

@@ -51,17 +51,19 @@ impl VectorEnv {
 
     /// Notes which episodes ended in this step; returns the envs that had ended before it.
     fn mark_ended(&mut self, pending: &[bool]) -> Vec<usize> {
-        for env in 0..self.num_envs() {
-            self.episodes[env].ended = self.buffers.terminated[env] || self.buffers.truncated[env];
-            if pending[env] {
-                self.buffers.rewards[env] = 0.0;
-            }
+        for (env, episode) in self.episodes.iter_mut().enumerate() {
+            episode.ended = self.buffers.terminated[env] || self.buffers.truncated[env];
         }
-        (0..self.num_envs()).filter(|&env| pending[env]).collect()
+        let before: Vec<usize> = (0..self.num_envs()).filter(|&env| pending[env]).collect();
+        for &env in &before {
+            self.buffers.rewards[env] = 0.0;
+        }
+        before
     }
 
     fn restart(&mut self, envs: &[usize]) -> Result<(), SimError> {
-        let resets: Vec<_> = envs.iter().map(|&env| self.begin_episode(env, EpisodeStart::default())).collect();
+        let resets: Vec<_> =
+            envs.iter().map(|&env| self.begin_episode(env, EpisodeStart::default())).collect();
         self.run_resets(&resets)
     }
 

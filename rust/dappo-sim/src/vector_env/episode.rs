@@ -20,7 +20,10 @@ impl Onset {
         if self.first <= self.last {
             return Ok(());
         }
-        Err(SimError::Config(format!("onset is ({}, {}), expected (first, last) in order", self.first, self.last)))
+        Err(SimError::Config(format!(
+            "onset is ({}, {}), expected (first, last) in order",
+            self.first, self.last
+        )))
     }
 
     fn draw(self, key: u64, episode: u64) -> usize {

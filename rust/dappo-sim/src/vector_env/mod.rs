@@ -110,7 +110,11 @@ pub struct VectorEnv {
 
 impl VectorEnv {
     /// Wraps a backend whose class table was compiled from `space`.
-    pub fn new(backend: Box<dyn Backend>, space: &DamageSpace, config: VectorEnvConfig) -> Result<Self, SimError> {
+    pub fn new(
+        backend: Box<dyn Backend>,
+        space: &DamageSpace,
+        config: VectorEnvConfig,
+    ) -> Result<Self, SimError> {
         let envs = backend.num_envs();
         expect_len("keys", config.keys.len(), envs)?;
         expect_len("class weights", config.classes.len(), space.classes().len())?;
@@ -191,11 +195,17 @@ impl VectorEnv {
         options.onsets.map_or(Ok(()), |onsets| expect_len("onsets", onsets.len(), envs))?;
         let selected = |env: usize| options.mask.is_none_or(|mask| mask[env]);
         if !self.started && !(0..envs).all(selected) {
-            return Err(SimError::Config("the first reset must reset every env, got a mask that leaves some out".into()));
+            return Err(SimError::Config(
+                "the first reset must reset every env, got a mask that leaves some out".into(),
+            ));
         }
         let classes = self.config.classes.len();
-        if let Some(class) = options.classes.into_iter().flatten().flatten().find(|class| **class >= classes) {
-            return Err(SimError::Config(format!("damage class {class} does not exist; the classes are 0 to {}", classes - 1)));
+        if let Some(class) = options.classes.into_iter().flatten().flatten().find(|class| **class >= classes)
+        {
+            return Err(SimError::Config(format!(
+                "damage class {class} does not exist; the classes are 0 to {}",
+                classes - 1
+            )));
         }
         let mut resets = Vec::with_capacity(envs);
         for env in (0..envs).filter(|&env| selected(env)) {

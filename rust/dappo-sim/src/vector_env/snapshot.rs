@@ -20,7 +20,9 @@ impl VectorEnv {
     /// The state between two steps.
     #[must_use]
     pub fn snapshot(&self) -> VectorEnvSnapshot {
-        let pack = |e: &Episode| [e.key, e.number, e.step as u64, e.class as u64, e.onset as u64, u64::from(e.ended)];
+        let pack = |e: &Episode| {
+            [e.key, e.number, e.step as u64, e.class as u64, e.onset as u64, u64::from(e.ended)]
+        };
         VectorEnvSnapshot {
             backend: self.backend.snapshot(),
             episodes: self.episodes.iter().map(pack).collect(),

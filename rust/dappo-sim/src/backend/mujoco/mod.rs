@@ -36,7 +36,7 @@ impl MujocoBackend {
     /// A backend with one worker for each entry of `workers`.
     pub fn new(
         task: Task,
-        library: MujocoLibrary,
+        library: &MujocoLibrary,
         table: ModelTable,
         workers: Vec<WorkerFields>,
         num_envs: usize,
@@ -52,8 +52,10 @@ impl MujocoBackend {
             .num_threads(threads)
             .build()
             .map_err(|error| SimError::Threads { threads, reason: error.to_string() })?;
-        let workers: Vec<Worker> =
-            workers.into_iter().map(|fields| Worker::new(library.clone(), fields, &table)).collect::<Result<_, _>>()?;
+        let workers: Vec<Worker> = workers
+            .into_iter()
+            .map(|fields| Worker::new(library, fields, &table))
+            .collect::<Result<_, _>>()?;
         let row = workers[0].state_size() + 1;
         Ok(Self {
             task,
@@ -171,7 +173,9 @@ impl Backend for MujocoBackend {
         expect_len("qvel", qvel.len(), self.num_envs() * nv)?;
         let mut worker = self.workers[0].lock().unwrap_or_else(PoisonError::into_inner);
         let rows = self.rows.chunks_exact(self.row).zip(&self.classes);
-        for (((row, &class), qpos), qvel) in rows.zip(qpos.chunks_exact_mut(nq)).zip(qvel.chunks_exact_mut(nv)) {
+        for (((row, &class), qpos), qvel) in
+            rows.zip(qpos.chunks_exact_mut(nq)).zip(qvel.chunks_exact_mut(nv))
+        {
             worker.load(&self.table, class, row);
             qpos.copy_from_slice(worker.qpos());
             qvel.copy_from_slice(worker.qvel());
@@ -194,7 +198,14 @@ impl Backend for MujocoBackend {
             )
                 .into_par_iter()
                 .for_each(|(row, &class, qpos, qvel, obs)| {
-                    worker(workers).set_state(task, table, class, (qpos, qvel), row, &mut obs[..task.obs_dim()]);
+                    worker(workers).set_state(
+                        task,
+                        table,
+                        class,
+                        (qpos, qvel),
+                        row,
+                        &mut obs[..task.obs_dim()],
+                    );
                 });
         });
         Ok(())

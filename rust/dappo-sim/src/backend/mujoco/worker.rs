@@ -19,12 +19,16 @@ pub(super) struct Worker {
 unsafe impl Send for Worker {}
 
 impl Worker {
-    pub(super) fn new(library: MujocoLibrary, fields: WorkerFields, table: &ModelTable) -> Result<Self, SimError> {
+    pub(super) fn new(
+        library: &MujocoLibrary,
+        fields: WorkerFields,
+        table: &ModelTable,
+    ) -> Result<Self, SimError> {
         // SAFETY: the model is valid (contract of `ModelTable::new`).
         let size = unsafe { (library.state_size)(table.model(0), table.state_spec) };
         let state_size = usize::try_from(size)
             .map_err(|_| SimError::Config(format!("MuJoCo reports a state of {size} numbers")))?;
-        Ok(Self { library, fields, state_size })
+        Ok(Self { library: library.clone(), fields, state_size })
     }
 
     /// Numbers in MuJoCo's part of a state row.
@@ -57,12 +61,21 @@ impl Worker {
 
     fn store(&mut self, table: &ModelTable, class: usize, row: &mut [f64]) {
         // SAFETY: as in `load`.
-        unsafe { (self.library.get_state)(table.model(class), self.data(), row.as_mut_ptr(), table.state_spec) };
+        unsafe {
+            (self.library.get_state)(table.model(class), self.data(), row.as_mut_ptr(), table.state_spec);
+        };
         row[self.state_size] = self.main_body_x();
     }
 
     /// Starts an episode: reference pose plus noise, forces at rest.
-    pub(super) fn reset(&mut self, task: &Task, table: &ModelTable, reset: &Reset, row: &mut [f64], obs: &mut [f32]) {
+    pub(super) fn reset(
+        &mut self,
+        task: &Task,
+        table: &ModelTable,
+        reset: &Reset,
+        row: &mut [f64],
+        obs: &mut [f32],
+    ) {
         self.clear(table, reset.class);
         let mut stream = Stream::new(reset.key, reset.episode, Purpose::InitialState);
         for position in view_mut(self.fields.qpos) {
@@ -130,7 +143,12 @@ impl Worker {
     }
 
     /// What the last evaluation left in the data.
-    pub(super) fn signals<'a>(&'a self, table: &'a ModelTable, class: usize, forward_velocity: f64) -> Signals<'a> {
+    pub(super) fn signals<'a>(
+        &'a self,
+        table: &'a ModelTable,
+        class: usize,
+        forward_velocity: f64,
+    ) -> Signals<'a> {
         Signals {
             qpos: self.qpos(),
             qvel: self.qvel(),

@@ -1,0 +1,243 @@
+"""What `bench` measures: this package and MuJoCo's own ways to step many robots."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from dappo_batch.bench.workload import Episodes, Workload
+from dappo_batch.envs import make_vec
+
+__all__ = ["Contender", "DappoBatch", "MujocoBatch", "MujocoRollout", "RawStep", "Unavailable"]
+
+
+class Unavailable(Exception):
+    """A contender cannot run here; the text says why."""
+
+
+class Contender:
+    """Something that advances robots by env steps.
+
+    Attributes
+    ----------
+    key : str
+        Name in tables and JSON.
+    about : str
+        What it does in an env step.
+    install : str
+        Command that makes it available, empty if it always is.
+    num_envs : int
+        Environments it advances.
+    note : str
+        Remarks on this very run, such as the version that was measured.
+    """
+
+    key: ClassVar[str]
+    about: ClassVar[str]
+    install: ClassVar[str] = ""
+    num_envs: int
+    note: str = ""
+
+    def __init__(self, workload: Workload) -> None:
+        raise NotImplementedError
+
+    def advance(self) -> int:
+        """Advance all environments by one env step and return how many env steps that were."""
+        raise NotImplementedError
+
+    def run_for(self, seconds: float) -> int:
+        """Advance for at least `seconds` and return the number of env steps."""
+        end = time.perf_counter() + seconds
+        steps = self.advance()
+        while time.perf_counter() < end:
+            steps += self.advance()
+        return steps
+
+    def warm_up(self) -> None:
+        """Do what must not be timed."""
+        for _ in range(2):
+            self.advance()
+
+    def close(self) -> None:
+        """Free threads and memory."""
+
+
+class DappoBatch(Contender):
+    """The public vector env of this package, healthy robots, arrays returned as views."""
+
+    key = "dappo-batch"
+    about = "make_vec(copy=False), healthy: observation, reward, reset"
+    _copy: ClassVar[bool] = False
+    _damage: ClassVar[str] = "healthy"
+
+    def __init__(self, workload: Workload) -> None:
+        self.num_envs = workload.num_envs
+        self._envs = make_vec(
+            workload.robot,
+            workload.num_envs,
+            damage=self._damage,
+            threads=workload.threads,
+            seed=workload.seed,
+            copy=self._copy,
+        )
+        self._actions = workload.actions(self.num_envs)
+        self._envs.reset()
+        self._envs.set_state(*workload.states(self.num_envs))
+
+    def advance(self) -> int:
+        """Advance all environments by one env step and return how many env steps that were."""
+        self._envs.step(self._actions.next())
+        return self.num_envs
+
+    def close(self) -> None:
+        """Free threads and memory."""
+        self._envs.close()
+
+
+class DappoBatchCopy(DappoBatch):
+    """The public vector env as it comes by default."""
+
+    key = "dappo-batch copy"
+    about = "make_vec() as by default: every returned array is a copy"
+    _copy = True
+
+
+class DappoBatchDamaged(DappoBatch):
+    """The public vector env with every damage class."""
+
+    key = "dappo-batch damaged"
+    about = "make_vec(copy=False), damage drawn from all classes"
+    _damage = "uniform"
+
+
+class RawStep(Contender):
+    """The physics alone: one ``mjData`` a thread, stepped in a loop; the measure of all others."""
+
+    key = "mj_step"
+    about = "the stock model in a loop, one mjData a thread; no observation, no reward"
+
+    def __init__(self, workload: Workload) -> None:
+        self._workload = workload
+        self.num_envs = workload.threads
+        self._data = [mujoco.MjData(workload.model) for _ in range(workload.threads)]
+        for data, qpos, qvel in zip(self._data, *workload.states(self.num_envs), strict=True):
+            data.qpos[:], data.qvel[:] = qpos, qvel
+        self._rngs = [workload.rng(100 + index) for index in range(self.num_envs)]
+        self._age = [0] * self.num_envs
+
+    def run_for(self, seconds: float) -> int:
+        """Advance for at least `seconds` and return the number of env steps."""
+        counts = [0] * self.num_envs
+        end = time.perf_counter() + seconds
+
+        def work(index: int) -> None:
+            counts[index] = self._step_until(index, end)
+
+        # mj_step releases the interpreter's lock, so Python threads use all cores.
+        threads = [threading.Thread(target=work, args=(index,)) for index in range(self.num_envs)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return sum(counts)
+
+    def _step_until(self, index: int, end: float) -> int:
+        workload, data, rng = self._workload, self._data[index], self._rngs[index]
+        model, skip, limit = workload.model, workload.frame_skip, workload.max_episode_steps
+        (low, high), age, steps = workload.height, self._age[index], 0
+        ctrl, qpos = data.ctrl, data.qpos
+        actions = rng.uniform(-1.0, 1.0, (1024, model.nu))
+        while True:
+            ctrl[:] = actions[steps % 1024]
+            mujoco.mj_step(model, data, nstep=skip)
+            steps, age = steps + 1, age + 1
+            if not low <= qpos[2] <= high or age >= limit:
+                mujoco.mj_resetData(model, data)
+                data.qpos[:], data.qvel[:] = workload.first_state(rng)
+                age = 0
+            if time.perf_counter() >= end:
+                self._age[index] = age
+                return steps
+
+    def warm_up(self) -> None:
+        """Do what must not be timed."""
+        self.run_for(0.05)
+
+
+class MujocoRollout(Contender):
+    """``mujoco.rollout``, called once an env step as a policy in the loop demands."""
+
+    key = "mujoco.rollout"
+    about = "the stock model, one call an env step; no observation, no reward"
+
+    def __init__(self, workload: Workload) -> None:
+        # Part of the wheel, but not of the package's namespace.
+        from mujoco import rollout
+
+        self._workload = workload
+        model = workload.model
+        self.num_envs = workload.num_envs
+        self._pool = rollout.Rollout(nthread=workload.threads)
+        self._data = [mujoco.MjData(model) for _ in range(workload.threads)]
+        self._state = np.zeros(
+            (self.num_envs, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        )
+        # The row of MuJoCo's full physics state: time, positions, velocities, …
+        self._qpos = self._state[:, 1 : 1 + model.nq]
+        self._qvel = self._state[:, 1 + model.nq : 1 + model.nq + model.nv]
+        self._qpos[:], self._qvel[:] = workload.states(self.num_envs)
+        self._actions = workload.actions(self.num_envs, np.float64)
+        self._episodes = Episodes(workload, self.num_envs)
+        self._rng = workload.rng(4)
+
+    def advance(self) -> int:
+        """Advance all environments by one env step and return how many env steps that were."""
+        model, skip = self._workload.model, self._workload.frame_skip
+        control = np.repeat(self._actions.next()[:, None, :], skip, axis=1)
+        states, _ = self._pool.rollout(model, self._data, self._state, control, skip_checks=False)
+        self._state[:] = states[:, -1]
+        for env in self._episodes.ended(self._qpos[:, 2]):
+            self._state[env] = 0.0
+            self._qpos[env], self._qvel[env] = self._workload.first_state(self._rng)
+        return self.num_envs
+
+    def close(self) -> None:
+        """Free threads and memory."""
+        self._pool.close()
+
+
+class MujocoBatch(Contender):
+    """``mujoco.batch.Batch``, MuJoCo's own thread pool since 4.0."""
+
+    key = "mujoco.batch"
+    about = "the stock model, Batch.step; no observation, no reward"
+    install = "pip install 'mujoco>=4.0'"
+
+    def __init__(self, workload: Workload) -> None:
+        try:
+            from mujoco import batch
+        except ImportError:
+            raise Unavailable(f"mujoco {mujoco.__version__} has no mujoco.batch") from None
+        self._workload = workload
+        self.num_envs = workload.num_envs
+        self._batch = batch.Batch(workload.model, self.num_envs, workload.threads)
+        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._qpos[:], self._qvel[:] = workload.states(self.num_envs)
+        self._actions = workload.actions(self.num_envs, np.float64)
+        self._episodes = Episodes(workload, self.num_envs)
+        self._rng = workload.rng(5)
+
+    def advance(self) -> int:
+        """Advance all environments by one env step and return how many env steps that were."""
+        self._ctrl[:] = self._actions.next()
+        self._batch.step(nstep=self._workload.frame_skip)
+        ended = self._episodes.ended(self._qpos[:, 2])
+        if ended.size:
+            self._batch.reset(ended, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+            for env in ended:
+                self._qpos[env], self._qvel[env] = self._workload.first_state(self._rng)
+        return self.num_envs
