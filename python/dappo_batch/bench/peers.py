@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import importlib.metadata
 import importlib.util
 from pathlib import Path
@@ -73,8 +74,7 @@ class EnvPoolAnt(Contender):
             raise Unavailable("envpool is not installed")
         self.num_envs = min(workload.num_envs, self._MOST)
         try:
-            import envpool
-
+            envpool = importlib.import_module("envpool")
             self._envs = envpool.make(
                 _ENV_ID,
                 env_type="gymnasium",

@@ -9,15 +9,21 @@ mod env_state;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
+use dappo_sim::VectorEnv;
 use serde::{Deserialize, Serialize};
 
+use crate::cpu;
 use crate::error::{LearnError, Result};
+use crate::ppo::{Ppo, PpoConfig};
 use crate::run_folder::{io, write_synced};
+use crate::train::EpisodeTracker;
 
 pub use env_state::EnvState;
 
 const FORMAT: &str = "dappo-batch checkpoint 1";
 const MANIFEST: &str = "manifest.json";
+/// Where a checkpoint is written before it gets its number.
+const TEMPORARY: &str = ".new.tmp";
 
 /// Where a run stood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,7 +73,7 @@ impl Checkpoint {
         fill: impl FnOnce(&Path) -> Result<()>,
     ) -> Result<()> {
         let name = format!("{:08}", progress.iteration);
-        let (temporary, folder) = (checkpoints.join(format!(".{name}.tmp")), checkpoints.join(&name));
+        let (temporary, folder) = (checkpoints.join(TEMPORARY), checkpoints.join(&name));
         remove_folder(&temporary)?;
         fs::create_dir_all(&temporary).map_err(io(&temporary))?;
         fill(&temporary)?;
@@ -83,6 +89,11 @@ impl Checkpoint {
             remove_folder(&old)?;
         }
         Ok(())
+    }
+
+    /// Whether a run has a checkpoint.
+    pub fn any(checkpoints: &Path) -> Result<bool> {
+        Ok(!numbered(checkpoints)?.is_empty())
     }
 
     /// Opens the newest checkpoint of a run and verifies it.
@@ -113,6 +124,29 @@ impl Checkpoint {
             verify(&folder.join(&file.name), file)?;
         }
         Ok(Self { folder: folder.to_owned(), progress: manifest.progress })
+    }
+
+    /// Reads the learner, which must have seen observations and taken actions of the same lengths as those of `env`.
+    pub fn learner(&self, config: &PpoConfig, env: &VectorEnv) -> Result<Ppo> {
+        let ppo = Ppo::load(&self.folder, config, &cpu())?;
+        for (what, got, expected) in [
+            ("length of an observation", ppo.actor_critic().obs_dim(), env.obs_dim()),
+            ("length of an action", ppo.actor_critic().action_dim(), env.action_dim()),
+        ] {
+            if got != expected {
+                let (got, expected) = (got.to_string(), expected.to_string());
+                return Err(LearnError::Mismatch { path: self.folder.clone(), what, got, expected });
+            }
+        }
+        Ok(ppo)
+    }
+
+    /// Reads the envs and brings `env` into their state; returns the sums over their running episodes.
+    pub fn restore_envs(&self, env: &mut VectorEnv) -> Result<EpisodeTracker> {
+        let state = EnvState::load(&self.folder)?;
+        env.restore(&state.envs)
+            .map_err(|error| broken(&self.folder, format!("its envs are not those of this run ({error})")))?;
+        Ok(state.episodes)
     }
 }
 
@@ -221,8 +255,8 @@ mod tests {
     fn a_half_written_checkpoint_is_ignored() {
         let at = folder("half");
         write(&at, 1, "content");
-        fs::create_dir_all(at.join(".00000002.tmp")).unwrap();
-        fs::write(at.join(".00000002.tmp/weights"), "cont").unwrap();
+        fs::create_dir_all(at.join(TEMPORARY)).unwrap();
+        fs::write(at.join(TEMPORARY).join("weights"), "cont").unwrap();
         assert_eq!(Checkpoint::newest(&at, "ant").unwrap().progress.iteration, 1);
         fs::remove_dir_all(at).unwrap();
     }

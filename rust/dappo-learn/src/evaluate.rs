@@ -40,7 +40,7 @@ pub struct ClassResult {
     pub episodes: usize,
     /// Mean over episodes of Σ forward velocity, m/s.
     pub forward_reward: f64,
-    /// Standard error of that mean.
+    /// Standard error of that mean; NaN for a single episode.
     pub standard_error: f64,
     /// Mean of Σ reward.
     pub episode_return: f64,
@@ -57,18 +57,20 @@ pub struct Evaluation {
     pub classes: Vec<ClassResult>,
 }
 
-/// Runs `episodes` episodes of every damage class, all at once.
+/// Runs the episodes of every damage class, as many as the section `[evaluation]` says, all at once.
+///
+/// `stop` is asked before every step; once it says yes, the result is `None`.
 pub fn evaluate(
     policy: &dyn Policy,
     config: &Config,
     factory: &dyn EnvFactory,
-    episodes: usize,
-    seed: u64,
-) -> Result<Evaluation> {
+    stop: &dyn Fn() -> bool,
+) -> Result<Option<Evaluation>> {
+    let episodes = config.evaluation.episodes;
     let classes = factory.space().classes().len();
     let envs = classes * episodes;
     // Episode e of every class starts from the same state, and so does that of every policy compared.
-    let starts = env_keys(seed, episodes);
+    let starts = env_keys(config.evaluation.seed, episodes);
     let mut env = factory.make(
         VectorEnvConfig {
             keys: (0..envs).map(|env| starts[env % episodes]).collect(),
@@ -79,7 +81,7 @@ pub fn evaluate(
     )?;
     let assigned: Vec<Option<usize>> = (0..envs).map(|env| Some(env / episodes)).collect();
     env.reset(ResetOptions { classes: Some(&assigned), ..ResetOptions::default() })?;
-    let sums = run_to_the_end(policy, &mut env)?;
+    let Some(sums) = run_to_the_end(policy, &mut env, stop)? else { return Ok(None) };
     let summarize = |class: &dappo_sim::DamageClass| {
         let of_class = &sums[class.id * episodes..(class.id + 1) * episodes];
         let forward = moments(of_class.iter().map(|sum| sum.forward));
@@ -95,7 +97,7 @@ pub fn evaluate(
             falls: of_class.iter().filter(|sum| sum.fell).count(),
         }
     };
-    Ok(Evaluation { classes: factory.space().classes().iter().map(summarize).collect() })
+    Ok(Some(Evaluation { classes: factory.space().classes().iter().map(summarize).collect() }))
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -107,10 +109,17 @@ struct EpisodeSums {
     ended: bool,
 }
 
-/// Steps until the episode of every env has ended.
-fn run_to_the_end(policy: &dyn Policy, env: &mut VectorEnv) -> Result<Vec<EpisodeSums>> {
+/// Steps until the episode of every env has ended, or until `stop` says so.
+fn run_to_the_end(
+    policy: &dyn Policy,
+    env: &mut VectorEnv,
+    stop: &dyn Fn() -> bool,
+) -> Result<Option<Vec<EpisodeSums>>> {
     let mut sums = vec![EpisodeSums::default(); env.num_envs()];
     while sums.iter().any(|sum| !sum.ended) {
+        if stop() {
+            return Ok(None);
+        }
         let actions = policy.mean_actions(&env.buffers().obs)?;
         env.step(&actions)?;
         let buffers = env.buffers();
@@ -122,7 +131,7 @@ fn run_to_the_end(policy: &dyn Policy, env: &mut VectorEnv) -> Result<Vec<Episod
             sum.ended = buffers.terminated[env] || buffers.truncated[env];
         }
     }
-    Ok(sums)
+    Ok(Some(sums))
 }
 
 /// Mean and standard error of the mean.
@@ -151,16 +160,17 @@ impl Evaluation {
             "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls\n"
                 .to_owned();
         for c in &self.classes {
+            let error =
+                if c.standard_error.is_nan() { String::new() } else { format!("{:.4}", c.standard_error) };
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{},{:.4},{:.4},{:.4},{:.2},{}",
+                "{},{},{},{},{:.4},{error},{:.4},{:.2},{}",
                 c.class,
                 c.name,
                 c.group,
                 c.episodes,
                 c.forward_reward,
-                c.standard_error,
                 c.episode_return,
                 c.episode_length,
                 c.falls

@@ -79,3 +79,105 @@ pub fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let residual = variance(&mut pairs.map(|(r, v)| f64::from(*r) - f64::from(*v)));
     if total > 0.0 { 1.0 - residual / total } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::normalizer::Normalizer;
+
+    const REWARDS: [f32; 10] = [0.13, -0.13, 0.64, 0.10, -0.54, 0.36, 1.30, 0.95, -0.70, -1.27];
+    const VALUES: [f32; 10] = [-0.62, 0.04, -2.33, -0.22, -1.25, -0.73, -0.54, -0.32, 0.41, 1.04];
+    const FINAL_VALUES: [f32; 10] = [-0.13, 1.37, -0.67, 0.35, 0.90, 0.09, -0.74, -0.92, -0.46, 0.22];
+    // γ = 0.9, λ = 0.8; env 0 terminates at step 1, env 1 is truncated at step 2. NumPy, by the definition
+    // of GAE as a sum rather than by recursion:
+    //   nxt = lambda t, n: 0 if term[t, n] else fv[t, n] if trunc[t, n] else v[t+1, n] if t+1 < T else last[n]
+    //   for n in range(N):
+    //       for t in range(T):
+    //           k, w = t, 1.0
+    //           while True:
+    //               A[t, n] += w * ((1 - gamma) * r[k, n] + gamma * nxt(k, n) - v[k, n])
+    //               if term[k, n] or trunc[k, n] or k + 1 == T: break
+    //               k, w = k + 1, w * gamma * lam
+    const ADVANTAGES: [f64; 10] =
+        [0.25968, -0.119_355_2, 2.394, 0.18284, 0.738_022_4, 0.847, 0.03892, 0.37468, -1.389, -1.356];
+    // A + v
+    const RETURNS: [f64; 10] =
+        [-0.36032, -0.079_355_2, 0.064, -0.03716, -0.511_977_6, 0.117, -0.50108, 0.05468, -0.979, -0.316];
+
+    fn rollout() -> Rollout {
+        let mut rollout = Rollout::new(5, 2, 1, Normalizer::new(1, 0).unwrap());
+        rollout.rewards = REWARDS.to_vec();
+        rollout.values = VALUES.to_vec();
+        rollout.final_values = FINAL_VALUES.to_vec();
+        rollout.last_values = vec![-1.01, -0.21];
+        rollout.terminated[2] = true;
+        rollout.truncated[5] = true;
+        rollout
+    }
+
+    fn assert_close(got: &[f32], expected: &[f64]) {
+        for (index, (got, expected)) in got.iter().zip(expected).enumerate() {
+            assert!((f64::from(*got) - expected).abs() < 1e-6, "[{index}] {got}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn advantages_and_returns_equal_numpy_across_terminations_and_truncations() {
+        let targets = gae(&rollout(), 0.9, 0.8).unwrap();
+        assert_close(&targets.advantages, &ADVANTAGES);
+        assert_close(&targets.returns, &RETURNS);
+    }
+
+    #[test]
+    fn a_termination_ignores_the_final_value_and_a_truncation_bootstraps_from_it() {
+        let base = gae(&rollout(), 0.9, 0.8).unwrap();
+        let mut changed = rollout();
+        changed.final_values[2] = 100.0;
+        assert_eq!(gae(&changed, 0.9, 0.8).unwrap(), base, "V(final_obs) of a terminated step");
+        changed.final_values[5] += 1.0;
+        let moved = gae(&changed, 0.9, 0.8).unwrap();
+        assert!((moved.advantages[5] - base.advantages[5] - 0.9).abs() < 1e-6);
+        changed.terminated[5] = true;
+        let terminated = gae(&changed, 0.9, 0.8).unwrap().advantages[5];
+        assert!((terminated - (0.1 * 0.36 + 0.73)).abs() < 1e-6, "termination wins over truncation");
+    }
+
+    #[test]
+    fn nothing_crosses_the_boundary_of_an_episode() {
+        let base = gae(&rollout(), 0.9, 0.8).unwrap();
+        let mut changed = rollout();
+        (changed.rewards[4], changed.values[4]) = (50.0, 50.0); // env 0, after its episode ended
+        let moved = gae(&changed, 0.9, 0.8).unwrap();
+        assert_eq!(moved.advantages[0], base.advantages[0]);
+        assert_eq!(moved.advantages[2], base.advantages[2]);
+    }
+
+    #[test]
+    fn a_constant_reward_is_its_own_value() {
+        let mut rollout = rollout();
+        rollout.terminated.fill(false);
+        rollout.truncated.fill(false);
+        rollout.rewards.fill(2.5);
+        rollout.values.fill(2.5);
+        rollout.last_values.fill(2.5);
+        let targets = gae(&rollout, 0.995, 0.98).unwrap();
+        assert_close(&targets.advantages, &[0.0; 10]);
+        assert_close(&targets.returns, &[2.5; 10]);
+    }
+
+    #[test]
+    fn a_discount_of_one_is_refused() {
+        let message = gae(&rollout(), 1.0, 0.8).unwrap_err().to_string();
+        assert_eq!(message, "gamma is 1, expected a number in [0, 1)");
+    }
+
+    #[test]
+    fn explained_variance_equals_numpy() {
+        // 1 - np.var(returns - values) / np.var(returns), with the arrays above
+        let returns = RETURNS.map(|x| x as f32);
+        let got = explained_variance(&VALUES, &returns);
+        assert!((got - -8.843_181_739).abs() < 1e-4, "{got}");
+        assert!((explained_variance(&returns, &returns) - 1.0).abs() < 1e-12);
+        assert_eq!(explained_variance(&VALUES, &[1.0; 10]), 0.0);
+    }
+}

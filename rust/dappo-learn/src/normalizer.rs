@@ -162,3 +162,91 @@ impl Normalizer {
         Ok(rows)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `np.sin(i * .7) * 3 + i % 3 * 100` as `[2500, 3]` f32, the last column replaced by `i % 2`.
+    fn rows() -> Vec<f32> {
+        let value = |i: usize| {
+            if i % 3 == 2 {
+                (i % 2) as f32
+            } else {
+                ((i as f64 * 0.7).sin() * 3.0 + (i % 3 * 100) as f64) as f32
+            }
+        };
+        (0..7500).map(value).collect()
+    }
+
+    fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
+        assert_eq!(got.len(), expected.len());
+        for (got, expected) in got.iter().zip(expected) {
+            assert!((got - expected).abs() <= tolerance, "{got}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn mean_and_variance_equal_numpy_however_the_rows_arrive() {
+        for pieces in [1, 2, 25, 2500] {
+            let mut normalizer = Normalizer::new(3, 0).unwrap();
+            rows().chunks(7500 / pieces).for_each(|rows| normalizer.update(rows).unwrap());
+            assert_eq!(normalizer.count(), 2500);
+            // rows.astype(float).mean(0), rows.astype(float).var(0)
+            assert_close(normalizer.mean(), &[0.000_894_272_887_5, 100.001_340_676_879_9, 0.5], 1e-9);
+            let variance = [4.500_104_569_329, 4.499_225_366_279, 0.25];
+            assert_close(&normalizer.variance(), &variance, 1e-9);
+        }
+    }
+
+    #[test]
+    fn normalised_rows_equal_numpy_and_the_code_passes_unchanged() {
+        let mut normalizer = Normalizer::new(3, 1).unwrap();
+        normalizer.update(&rows()).unwrap();
+        assert_eq!(normalizer.mean().len(), 2);
+        let normalized = normalizer.apply(&rows()).unwrap();
+        // (rows[7, :2] - mean) / np.sqrt(var + 1e-8); rows[7, 2]
+        let expected = [1.195_631_187, 0.428_078_980, 1.0];
+        let got: Vec<f64> = normalized[21..24].iter().map(|x| f64::from(*x)).collect();
+        assert_close(&got, &expected, 1e-5);
+    }
+
+    #[test]
+    fn a_normaliser_that_has_seen_nothing_is_the_identity() {
+        let normalizer = Normalizer::new(3, 1).unwrap();
+        assert_eq!(normalizer.apply(&rows()).unwrap(), rows());
+    }
+
+    #[test]
+    fn constant_entries_become_zero_and_outliers_are_clipped() {
+        let mut normalizer = Normalizer::new(2, 0).unwrap();
+        normalizer.update(&[3.0, 0.0, 3.0, 1.0, 3.0, 2.0]).unwrap();
+        assert_eq!(normalizer.apply(&[3.0, 1e9]).unwrap(), [0.0, CLIP]);
+    }
+
+    #[test]
+    fn statistics_do_not_depend_on_the_number_of_threads_and_survive_toml_to_the_bit() {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut normalizer = Normalizer::new(3, 1).unwrap();
+            pool.install(|| normalizer.update(&rows())).unwrap();
+            normalizer
+        };
+        let normalizer = run(1);
+        assert_eq!(run(3), normalizer);
+        let text = toml::to_string(&normalizer).unwrap();
+        assert_eq!(toml::from_str::<Normalizer>(&text).unwrap(), normalizer);
+    }
+
+    #[test]
+    fn observations_that_are_not_finite_are_refused_and_change_nothing() {
+        let mut normalizer = Normalizer::new(2, 0).unwrap();
+        normalizer.update(&[1.0, 2.0]).unwrap();
+        let before = normalizer.clone();
+        let message = normalizer.update(&[1.0, f32::NAN]).unwrap_err().to_string();
+        assert_eq!(message, "mean of observation entry 1 is NaN, expected a finite number");
+        assert_eq!(normalizer, before);
+        assert!(normalizer.update(&[1.0]).is_err());
+        assert!(Normalizer::new(2, 3).is_err());
+    }
+}

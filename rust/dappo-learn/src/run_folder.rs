@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use crate::checkpoint::Checkpoint;
 use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
 use crate::metrics::Metrics;
@@ -39,7 +40,7 @@ pub struct Meta {
 
 impl RunFolder {
     /// Makes a new run folder; refuses one that already holds a run.
-    pub fn create(root: &Path, config: &Config) -> Result<Self> {
+    pub fn create(root: &Path, config: &Config, meta: &Meta) -> Result<Self> {
         let run = Self { root: root.to_owned() };
         if run.config_path().exists() {
             return Err(LearnError::Invalid(format!(
@@ -48,6 +49,8 @@ impl RunFolder {
             )));
         }
         fs::create_dir_all(run.checkpoints()).map_err(io(&run.checkpoints()))?;
+        run.write_meta(meta)?;
+        // The configuration makes it a run, so it comes last: a kill before leaves a folder that can be used again.
         write_atomically(&run.config_path(), config.to_toml()?.as_bytes())?;
         Ok(run)
     }
@@ -93,13 +96,21 @@ impl RunFolder {
         self.root.join("metrics.jsonl")
     }
 
-    /// Replaces `config.toml`, for a resumed run whose budget was extended.
-    pub fn write_config(&self, config: &Config) -> Result<()> {
-        write_atomically(&self.config_path(), config.to_toml()?.as_bytes())
+    /// Notes a new budget of env steps in `config.toml`.
+    pub fn extend(&self, total_steps: u64) -> Result<()> {
+        let (_, config) = Self::open(&self.root)?;
+        if config.total_steps == total_steps {
+            return Ok(());
+        }
+        write_atomically(&self.config_path(), Config { total_steps, ..config }.to_toml()?.as_bytes())
     }
 
-    /// Writes `meta.json`.
-    pub fn write_meta(&self, meta: &Meta) -> Result<()> {
+    /// Whether nothing has been saved yet: the run was stopped before its first checkpoint.
+    pub fn is_fresh(&self) -> Result<bool> {
+        Ok(!self.metrics_path().exists() && !Checkpoint::any(&self.checkpoints())?)
+    }
+
+    fn write_meta(&self, meta: &Meta) -> Result<()> {
         let path = self.root.join("meta.json");
         let text =
             serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
@@ -122,7 +133,9 @@ impl RunFolder {
         if !path.exists() {
             return Ok(());
         }
-        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        // A line cut short may end inside a character.
+        let bytes = fs::read(&path).map_err(io(&path))?;
+        let text = String::from_utf8_lossy(&bytes);
         let is_kept = |line: &&str| {
             let parsed: Option<serde_json::Value> = serde_json::from_str(line).ok();
             parsed.and_then(|value| value["iteration"].as_u64()).is_some_and(|number| number <= iteration)

@@ -15,8 +15,8 @@ use crate::errors::{Kind, from_sim, raise};
 #[pyclass(name = "VectorEnv", module = "dappo_batch._core")]
 pub struct PyVectorEnv {
     env: Option<VectorEnv>,
-    /// The buffers of a closed env: numpy views of them may still be alive.
-    _kept: Option<Buffers>,
+    /// The buffers of a closed env, which numpy views may still show.
+    kept: Option<Buffers>,
     num_envs: usize,
     nq: usize,
     nv: usize,
@@ -65,8 +65,9 @@ type Flags<'py> = Bound<'py, PyArray1<bool>>;
 type Numbers<'py> = Bound<'py, PyArray1<f64>>;
 type Integers<'py> = Bound<'py, PyArray1<i64>>;
 type Rows<'py> = Bound<'py, PyArray2<f32>>;
+type States<'py> = Bound<'py, PyArray2<f64>>;
 
-/// A numpy view on one of the env's buffers; writable, because DLPack refuses to share read-only arrays.
+/// A numpy view on one of the env's buffers; writable, because `DLPack` refuses to share read-only arrays.
 fn view1<'py, T: Element>(
     this: &Bound<'py, PyVectorEnv>,
     buffer: impl Fn(&Buffers) -> &[T],
@@ -88,6 +89,7 @@ fn view2<'py>(this: &Bound<'py, PyVectorEnv>, buffer: impl Fn(&Buffers) -> &[f32
     Ok(view)
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 #[pymethods]
 impl PyVectorEnv {
     #[new]
@@ -122,7 +124,7 @@ impl PyVectorEnv {
         };
         let backend = table.mujoco_backend(reward, num_envs, threads)?;
         let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
-        Ok(Self { env: Some(env), _kept: None, num_envs, nq: table.layout.nq, nv: table.layout.nv })
+        Ok(Self { env: Some(env), kept: None, num_envs, nq: table.layout.nq, nv: table.layout.nv })
     }
 
     /// Number of envs.
@@ -192,10 +194,7 @@ impl PyVectorEnv {
     }
 
     /// Positions `[N, nq]` and velocities `[N, nv]` of all envs.
-    fn get_state<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn get_state<'py>(&self, py: Python<'py>) -> PyResult<(States<'py>, States<'py>)> {
         let qpos = PyArray2::zeros(py, [self.num_envs, self.nq], false);
         let qvel = PyArray2::zeros(py, [self.num_envs, self.nv], false);
         {
@@ -221,7 +220,7 @@ impl PyVectorEnv {
     /// Frees the env; every later call raises `SimulationError`.
     fn close(&mut self) {
         if let Some(env) = self.env.take() {
-            self._kept = Some(env.into_buffers());
+            self.kept = Some(env.into_buffers());
         }
     }
 

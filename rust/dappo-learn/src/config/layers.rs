@@ -28,8 +28,9 @@ impl Layers {
 
     /// Lays a TOML text over what is there; `source` names it in errors.
     pub fn add_toml(&mut self, text: &str, source: &str) -> Result<(), LearnError> {
-        let table: toml::Table =
-            text.parse().map_err(|error| LearnError::Invalid(format!("cannot read {source}: {error}")))?;
+        let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
+            LearnError::Invalid(format!("cannot read {source}: {}", error.to_string().trim_end()))
+        })?;
         merge(&mut self.table, table);
         Ok(())
     }
@@ -75,9 +76,12 @@ impl Layers {
         self.table.get("robot").and_then(toml::Value::as_str)
     }
 
-    /// The typed and checked configuration. `ppo.preset` chooses the values that `[ppo]` does not give.
+    /// The typed and checked configuration. `ppo.preset` chooses the values that `[ppo]` does not give, and
+    /// without `horizon` it follows from the number of envs.
     pub fn resolve(mut self) -> Result<Config, LearnError> {
-        let refused = |error: toml::de::Error| LearnError::Invalid(format!("configuration refused: {error}"));
+        let refused = |error: toml::de::Error| {
+            LearnError::Invalid(format!("configuration refused: {}", error.to_string().trim_end()))
+        };
         if let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) {
             let name = ppo.remove("preset").unwrap_or_else(|| "paper".into());
             let name =
@@ -87,10 +91,21 @@ impl Layers {
             let given = std::mem::replace(ppo, preset);
             merge(ppo, given);
         }
-        let config: Config = self.table.try_into().map_err(refused)?;
+        let horizon_is_given = self.table.contains_key("horizon");
+        let mut config: Config = self.table.try_into().map_err(refused)?;
+        if !horizon_is_given {
+            config.horizon = horizon_for(config.env.num_envs);
+        }
         config.check()?;
         Ok(config)
     }
+}
+
+/// Steps an iteration that make a batch of about `BATCH` transitions, within bounds that keep advantage
+/// estimates meaningful (many envs) and updates frequent (few envs).
+fn horizon_for(num_envs: usize) -> usize {
+    const BATCH: usize = 4096;
+    (BATCH / num_envs.max(1)).clamp(16, 512)
 }
 
 fn merge(base: &mut toml::Table, over: toml::Table) {
@@ -133,11 +148,25 @@ mod tests {
     }
 
     #[test]
+    fn the_horizon_follows_from_the_number_of_envs_unless_it_is_given() {
+        let horizon = |text: &str| {
+            let mut layers = Layers::default();
+            layers.add_toml(text, "test").unwrap();
+            layers.resolve().unwrap().horizon
+        };
+        assert_eq!(horizon("[env]\nnum_envs = 32"), 128);
+        assert_eq!(horizon("[env]\nnum_envs = 4096"), 16);
+        assert_eq!(horizon("[env]\nnum_envs = 1"), 512);
+        assert_eq!(horizon("horizon = 7\n[env]\nnum_envs = 1"), 7);
+    }
+
+    #[test]
     fn unknown_keys_and_impossible_values_are_refused() {
         for (text, part) in [
             ("sead = 1", "sead"),
             ("[env]\nnum_env = 3", "num_env"),
             ("[env]\nnum_envs = 0", "env.num_envs"),
+            ("total_steps = 0", "total_steps"),
             ("[ppo]\nprest = 'paper'", "prest"),
             ("[ppo]\npreset = 'papre'", "papre"),
             ("[damage]\nseverity = 1.5", "severity"),

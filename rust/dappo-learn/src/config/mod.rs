@@ -68,7 +68,7 @@ pub struct EnvSection {
 impl Default for EnvSection {
     fn default() -> Self {
         Self {
-            num_envs: 64,
+            num_envs: 32,
             threads: None,
             backend: "auto".into(),
             reward: None,
@@ -175,6 +175,7 @@ impl Config {
         let bad = |why: String| Err(LearnError::Invalid(why));
         for (name, value) in [
             ("env.num_envs", self.env.num_envs),
+            ("total_steps", self.total_steps as usize),
             ("horizon", self.horizon),
             ("checkpoint.keep", self.checkpoint.keep),
             ("checkpoint.every", self.checkpoint.every as usize),

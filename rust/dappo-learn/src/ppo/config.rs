@@ -63,18 +63,17 @@ impl Default for PpoConfig {
 impl PpoConfig {
     /// A named preset: `paper`, or `batch` for hundreds to thousands of environments.
     ///
-    /// `batch` differs in optimisation alone: larger minibatches with larger steps, and fewer passes,
-    /// because a batch of many environments holds more independent transitions.
+    /// `batch` differs in optimisation alone: smaller minibatches with larger steps, and a KL target three
+    /// times the paper's, because a batch from many environments is less correlated than one from a few.
     pub fn preset(name: &str) -> Result<Self> {
         match name {
             "paper" => Ok(Self::default()),
             "batch" => Ok(Self {
-                epochs: 6,
-                minibatch_size: 16_384,
+                kl_target: 0.03,
+                minibatch_size: 512,
                 learning_rate: 6e-4,
-                value_epochs: 4,
-                value_minibatch_size: 16_384,
-                value_learning_rate: 1.5e-3,
+                value_epochs: 5,
+                value_minibatch_size: 512,
                 ..Self::default()
             }),
             _ => Err(LearnError::Config {

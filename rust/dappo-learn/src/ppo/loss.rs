@@ -125,3 +125,96 @@ pub fn kl_penalty(kl: Tensor<1>, kl_coef: f64, kl_target: f64, kl_hinge: f64) ->
 pub fn entropy(log_std: &[f32]) -> f64 {
     log_std.iter().map(|log_std| f64::from(*log_std) + 0.5 + LN_SQRT_TAU).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::{Device, TensorData};
+
+    use super::*;
+
+    // actions = np.array([[.3, -.2], [-.5, .8], [1.1, .1]]); mean = np.array([[.1, .0], [-.3, .4], [.9, -.4]])
+    // old_mean = np.array([[.0, .1], [-.2, .5], [.7, -.3]]); ls = np.array([-.5, -.3]); ols = np.array([-.4, -.45])
+    const ACTION: [f32; 6] = [0.3, -0.2, -0.5, 0.8, 1.1, 0.1];
+    const MEAN: [f32; 6] = [0.1, 0.0, -0.3, 0.4, 0.9, -0.4];
+    const OLD_MEAN: [f32; 6] = [0.0, 0.1, -0.2, 0.5, 0.7, -0.3];
+    const LOG_STD: [f32; 2] = [-0.5, -0.3];
+    const OLD_LOG_STD: [f32; 2] = [-0.4, -0.45];
+
+    fn rows(values: &[f32], width: usize) -> Tensor<2> {
+        let data = TensorData::new(values.to_vec(), [values.len() / width, width]);
+        Tensor::from_data(data, &Device::flex())
+    }
+
+    fn vector(values: &[f32]) -> Tensor<1> {
+        Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &Device::flex())
+    }
+
+    fn assert_close<const D: usize>(got: Tensor<D>, expected: &[f64]) {
+        let got: Vec<f32> = got.into_data().try_into_vec().unwrap();
+        assert_eq!(got.len(), expected.len());
+        for (got, expected) in got.iter().zip(expected) {
+            assert!((f64::from(*got) - expected).abs() < 1e-6, "{got}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn log_densities_equal_numpy() {
+        // (-.5 * ((actions - mean) / np.exp(ls)) ** 2 - ls - .5 * np.log(2 * np.pi)).sum(1)
+        let got = log_prob(rows(&ACTION, 2), rows(&MEAN, 2), vector(&LOG_STD));
+        assert_close(got, &[-1.128_685_079, -1.238_012_207, -1.320_007_553]);
+    }
+
+    #[test]
+    fn the_surrogate_equals_numpy_on_both_sides_of_the_clip_range() {
+        // r = np.array([.5, 1.5, 1.1, .7]); a = np.array([1., 1., -2., -1.])
+        // np.minimum(r * a, np.clip(r, .8, 1.2) * a).mean()
+        let got = surrogate(rows(&[0.5, 1.5, 1.1, 0.7], 1), rows(&[1.0, 1.0, -2.0, -1.0], 1), 0.2);
+        assert_close(got, &[-0.325]);
+    }
+
+    #[test]
+    fn the_kl_divergence_equals_numpy_quadrature_of_its_definition() {
+        // x = np.linspace(-12, 12, 200001); p, q = densities of old and new
+        // sum over components of np.trapezoid(p * (np.log(p) - np.log(q)), x), mean over rows
+        let (old, new) = (rows(&OLD_MEAN, 2), rows(&MEAN, 2));
+        let kl = kl_divergence(old.clone(), vector(&OLD_LOG_STD), new, vector(&LOG_STD));
+        assert_close(kl, &[0.067_403_901_707]);
+        let zero = kl_divergence(old.clone(), vector(&LOG_STD), old, vector(&LOG_STD));
+        assert_close(zero, &[0.0]);
+    }
+
+    #[test]
+    fn the_hinge_acts_only_above_twice_the_target() {
+        // 1.7 * kl + 50 * max(0, kl - .02) ** 2
+        assert_close(kl_penalty(vector(&[0.015]), 1.7, 0.01, 50.0), &[0.0255]);
+        assert_close(kl_penalty(vector(&[0.05]), 1.7, 0.01, 50.0), &[0.13]);
+    }
+
+    #[test]
+    fn the_entropy_equals_numpy() {
+        // (ls + .5 * np.log(2 * np.pi * np.e)).sum()
+        assert!((entropy(&LOG_STD) - 2.037_877_066).abs() < 1e-6);
+    }
+
+    #[test]
+    fn beta_and_the_learning_rate_factor_follow_the_divergence() {
+        let start = Adaptation::default();
+        assert_eq!(start, Adaptation { kl_coef: 1.0, lr_factor: 1.0 });
+        assert_eq!(start.after(0.0201, 0.01), Adaptation { kl_coef: 1.5, lr_factor: 1.0 });
+        assert_eq!(start.after(0.0049, 0.01), Adaptation { kl_coef: 1.0 / 1.5, lr_factor: 1.0 });
+        for kl in [0.005, 0.01, 0.02] {
+            assert_eq!(start.after(kl, 0.01), start, "kl {kl} lies in the dead band");
+        }
+        let high = Adaptation { kl_coef: 25.0, lr_factor: 1.0 };
+        assert_eq!(high.after(1.0, 0.01), Adaptation { kl_coef: 35.0, lr_factor: 1.0 / 1.5 });
+        let low = Adaptation { kl_coef: 0.04, lr_factor: 1.0 };
+        assert_eq!(low.after(0.0, 0.01), Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 1.5 });
+    }
+
+    #[test]
+    fn beta_and_the_factor_stay_within_their_bounds() {
+        let many = |kl| (0..50).fold(Adaptation::default(), |a, _| a.after(kl, 0.01));
+        assert_eq!(many(1.0), Adaptation { kl_coef: 35.0, lr_factor: 0.1 });
+        assert_eq!(many(0.0), Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 10.0 });
+    }
+}

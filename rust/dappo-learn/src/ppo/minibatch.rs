@@ -111,7 +111,7 @@ pub(super) fn shuffled(
     stream: &mut Stream,
     device: &Device,
 ) -> Vec<Tensor<1, Int>> {
-    let mut order: Vec<i64> = (0..rows as i64).collect();
+    let mut order: Vec<i32> = (0..rows as i32).collect();
     for last in (1..rows).rev() {
         order.swap(last, stream.below(last as u64 + 1) as usize);
     }
@@ -127,4 +127,61 @@ pub(super) fn shuffled(
 pub(super) fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
     let count = (rows as f64 / size as f64).round().max(1.0) as usize;
     (0..count).map(move |piece| piece * rows / count..(piece + 1) * rows / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use dappo_sim::rng::Purpose;
+
+    use super::*;
+
+    fn order(rows: usize, size: usize, episode: u64) -> Vec<Vec<i32>> {
+        let mut stream = Stream::new(5, episode, Purpose::Shuffle);
+        let minibatches = shuffled(rows, size, &mut stream, &Device::flex());
+        minibatches.into_iter().map(|rows| rows.into_data().try_into_vec().unwrap()).collect()
+    }
+
+    #[test]
+    fn every_row_appears_once_in_minibatches_of_nearly_equal_size() {
+        for (rows, size, expected) in
+            [(10, 3, vec![3, 3, 4]), (10, 100, vec![10]), (11, 4, vec![3, 4, 4]), (1, 1, vec![1])]
+        {
+            let minibatches = order(rows, size, 0);
+            assert_eq!(minibatches.iter().map(Vec::len).collect::<Vec<_>>(), expected);
+            let mut all = minibatches.concat();
+            all.sort_unstable();
+            assert_eq!(all, (0..rows as i32).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_order_is_a_function_of_the_stream() {
+        assert_eq!(order(100, 10, 0), order(100, 10, 0));
+        assert_ne!(order(100, 10, 0), order(100, 10, 1));
+        assert_ne!(order(100, 100, 0)[0], (0..100).collect::<Vec<i32>>());
+    }
+
+    #[test]
+    fn advantages_are_standardised_as_numpy_does() {
+        // (z - z.mean()) / z.std() with z = np.array([1., 2., 4., 9.])
+        let expected = [-0.973_328_5, -0.648_885_7, 0.0, 1.622_214_2];
+        for (got, expected) in standardize(&[1.0, 2.0, 4.0, 9.0]).iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-6, "{got}, expected {expected}");
+        }
+        assert_eq!(standardize(&[3.0; 4]), [0.0; 4]);
+    }
+
+    #[test]
+    fn the_union_of_value_batches_keeps_both_in_order() {
+        let batch = |values: [f32; 2]| {
+            let column = Tensor::from_data(TensorData::new(values.to_vec(), [2, 1]), &Device::flex());
+            ValueBatch::new(column.clone(), column.mul_scalar(10.0))
+        };
+        let union = batch([1.0, 2.0]).union(Some(&batch([3.0, 4.0])));
+        assert_eq!(union.rows(), 4);
+        let read = |tensor: Tensor<2>| tensor.into_data().try_into_vec::<f32>().unwrap();
+        assert_eq!(read(union.obs.val()), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(read(union.returns.val()), [10.0, 20.0, 30.0, 40.0]);
+        assert_eq!(batch([1.0, 2.0]).union(None).rows(), 2);
+    }
 }

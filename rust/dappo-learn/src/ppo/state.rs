@@ -15,6 +15,7 @@ use std::path::Path;
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor};
+use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 use super::loss::Adaptation;
@@ -43,7 +44,8 @@ struct Header {
     /// As text: TOML's integers end at 2⁶³.
     seed: String,
     updates: u64,
-    has_value_batch: bool,
+    /// 0 before the first update.
+    value_batch_rows: usize,
     adaptation: Adaptation,
     normalizer: Normalizer,
 }
@@ -58,7 +60,7 @@ impl Ppo {
             hidden: self.config.hidden.clone(),
             seed: self.seed.to_string(),
             updates: self.updates,
-            has_value_batch: self.previous.is_some(),
+            value_batch_rows: self.previous.as_ref().map_or(0, ValueBatch::rows),
             adaptation: self.adaptation,
             normalizer: self.normalizer.clone(),
         };
@@ -85,13 +87,7 @@ impl Ppo {
         let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
         let device = device.clone().autodiff();
         let actor_critic = read_networks(dir, &header, &device)?;
-        let previous = if header.has_value_batch {
-            let inner = device.clone().without_autodiff();
-            let empty = || Tensor::zeros([1, 1], &inner);
-            Some(load_module(ValueBatch::new(empty(), empty()), &dir.join(VALUE_BATCH))?)
-        } else {
-            None
-        };
+        let previous = read_value_batch(dir, &header, &device.clone().without_autodiff())?;
         Ok(Self {
             config: config.clone(),
             device,
@@ -133,18 +129,22 @@ fn read_header(dir: &Path) -> Result<Header> {
 
 fn read_networks(dir: &Path, header: &Header, device: &Device) -> Result<ActorCritic> {
     let Header { obs_dim, action_dim, hidden, .. } = header;
-    // Zero weights would have no orthogonal basis; any numbers do, as the records replace them.
-    let mut counter = 0.0_f64;
-    let mut filler = || {
-        counter += 1.0;
-        counter.sin()
-    };
+    // Any weights do, as the records replace them.
+    let mut filler = Stream::new(0, 0, Purpose::Weights);
     let ActorCritic { policy, value } =
-        ActorCritic::new(*obs_dim, hidden, *action_dim, 0.0, &mut filler, device);
+        ActorCritic::new(*obs_dim, hidden, *action_dim, 0.0, &mut || filler.normal(), device);
     Ok(ActorCritic {
         policy: load_module(policy, &dir.join(POLICY))?,
         value: load_module(value, &dir.join(VALUE))?,
     })
+}
+
+fn read_value_batch(dir: &Path, header: &Header, device: &Device) -> Result<Option<ValueBatch>> {
+    if header.value_batch_rows == 0 {
+        return Ok(None);
+    }
+    let zeros = |width| Tensor::zeros([header.value_batch_rows, width], device);
+    load_module(ValueBatch::new(zeros(header.obs_dim), zeros(1)), &dir.join(VALUE_BATCH)).map(Some)
 }
 
 fn save_module<M: Module>(module: &M, path: &Path) -> Result<()> {

@@ -40,7 +40,8 @@ pub struct Outcome {
     pub interrupted: bool,
 }
 
-/// Trains until the budget is spent, from the newest checkpoint when `resume` is set.
+/// Trains until the budget is spent, from the newest checkpoint when `resume` is set. A run that was stopped before
+/// its first checkpoint begins anew.
 pub fn train(
     config: &Config,
     factory: &dyn EnvFactory,
@@ -49,10 +50,14 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
     let mut session = Session::new(config, factory)?;
-    if resume {
+    if resume && !run.is_fresh()? {
         session.load(run, config)?;
     } else {
         session.save(run)?;
+    }
+    if resume {
+        // Only now, when it is certain that the run can go on.
+        run.extend(config.total_steps)?;
     }
     let mut interrupted = false;
     while session.progress.env_steps < config.total_steps && !interrupted {

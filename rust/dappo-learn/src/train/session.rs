@@ -46,10 +46,8 @@ impl Session {
     /// Goes back to the newest checkpoint of the run.
     pub fn load(&mut self, run: &RunFolder, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
-        self.ppo = Ppo::load(&checkpoint.folder, &config.ppo, &cpu())?;
-        let state = EnvState::load(&checkpoint.folder)?;
-        self.env.restore(&state.envs)?;
-        self.episodes = state.episodes;
+        self.ppo = checkpoint.learner(&config.ppo, &self.env)?;
+        self.episodes = checkpoint.restore_envs(&mut self.env)?;
         self.progress = checkpoint.progress;
         // Stage 0 until `enter_stage` sees the difference and sets the class distribution.
         self.progress.stage = 0;

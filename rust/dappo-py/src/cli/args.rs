@@ -32,6 +32,14 @@ pub enum Command {
     Doctor(ForwardedArgs),
 }
 
+/// Reads a number with a lower bound; TOML, which the configuration is written in, ends at 2⁶³ − 1.
+fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|&number| number >= minimum);
+        number.ok_or_else(|| format!("expected a whole number of at least {minimum}"))
+    }
+}
+
 /// Where a configuration comes from; later sources win.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
@@ -42,13 +50,13 @@ pub struct ConfigArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Number of envs simulated at once
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub envs: Option<i64>,
     /// Env steps of the whole run
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub steps: Option<i64>,
     /// Seed of all random streams
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
     pub seed: Option<i64>,
     /// Where to simulate; this version has the CPU
     #[arg(long, value_parser = ["auto", "cpu"], default_value = "auto")]
@@ -57,7 +65,7 @@ pub struct ConfigArgs {
     #[arg(long, value_parser = ["auto", "mujoco"])]
     pub backend: Option<String>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub threads: Option<i64>,
     /// Hide the damage code from the policy (PPO-Unaware)
     #[arg(long)]
@@ -86,7 +94,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
     /// Go on with an earlier run; --steps may extend it
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "unaware", "healthy", "reward", "physics", "set"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "unaware", "healthy", "reward", "physics", "set"])]
     pub resume: Option<PathBuf>,
     /// Print one JSON object an iteration instead of a progress bar
     #[arg(long)]
@@ -100,14 +108,14 @@ pub struct EvaluateArgs {
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
     /// Episodes a damage class [default: the run's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub episodes: Option<u32>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub episodes: Option<i64>,
     /// Seed of the initial states [default: the run's]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub threads: Option<u32>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub threads: Option<i64>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -123,7 +131,7 @@ pub struct ClassesArgs {
     #[arg(long, value_delimiter = ',', value_name = "TYPES")]
     pub types: Option<Vec<String>>,
     /// Largest number of damaged limbs [default: the robot's]
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub max_damaged_limbs: Option<usize>,
     /// Print JSON
     #[arg(long)]

@@ -6,13 +6,23 @@ use serde_json::json;
 
 use super::args::ClassesArgs;
 use super::console;
-use crate::errors::from_sim;
+use crate::errors::{Kind, from_sim, raise};
 
 pub fn run(py: Python<'_>, arguments: &ClassesArgs) -> PyResult<i32> {
     let robot = py.import("dappo_batch.robots")?.call_method1("load_robot", (&arguments.robot,))?;
     let toml: String = robot.getattr("toml_text")?.extract()?;
     let robot = dappo_sim::Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
     let types = arguments.types.clone().unwrap_or_else(|| robot.damage.types.clone());
+    let known: Vec<String> = py
+        .import("dappo_batch.damage")?
+        .getattr("DAMAGE_TYPES")?
+        .try_iter()?
+        .map(|name| name?.extract())
+        .collect::<PyResult<_>>()?;
+    if let Some(unknown) = types.iter().find(|name| !known.contains(name)) {
+        let known = known.join(", ");
+        return Err(raise(Kind::Config, format!("unknown damage type `{unknown}`: expected one of {known}")));
+    }
     let max_damaged = arguments.max_damaged_limbs.unwrap_or(robot.damage.max_damaged_limbs);
     let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).map_err(|error| from_sim(&error))?;
     let code = |class: &dappo_sim::DamageClass| -> Vec<u8> {

@@ -1,5 +1,7 @@
 //! `dappo-batch evaluate`, and the table at the end of a training.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use dappo_learn::Ppo;
 use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::Config;
@@ -9,22 +11,25 @@ use dappo_learn::run_folder::RunFolder;
 use pyo3::prelude::*;
 
 use super::args::EvaluateArgs;
-use super::console;
+use super::{INTERRUPTED, console, signals};
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
     let (run, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
     config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
-    let episodes = arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
-    let seed = arguments.seed.unwrap_or(config.evaluation.seed);
+    config.evaluation.episodes =
+        arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
+    config.evaluation.seed = arguments.seed.unwrap_or(config.evaluation.seed);
     let factory = TableFactory::compile(py, &config)?;
+    let interrupted = signals::watch()?;
     let evaluation = py.detach(|| {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
-        let ppo = Ppo::load(&checkpoint.folder, &config.ppo, &dappo_learn::cpu())?;
-        evaluate_and_save(&ppo, &config, &factory, &run, episodes, seed)
+        let probe = factory.make(factory.env_config(&config)?, config.env.reward.as_deref())?;
+        let ppo = checkpoint.learner(&config.ppo, &probe)?;
+        evaluate_and_save(&ppo, &config, &factory, &run, &interrupted)
     });
-    let evaluation = evaluation.map_err(|error| from_learn(&error))?;
+    let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
     if arguments.json {
         let text =
             serde_json::to_string(&evaluation).map_err(|error| raise(Kind::Config, error.to_string()))?;
@@ -35,17 +40,18 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
     Ok(0)
 }
 
-/// Evaluates a policy and writes `eval/per_class.csv`.
+/// Evaluates a policy and writes `eval/per_class.csv`; `None` when it was interrupted.
 pub fn evaluate_and_save(
     ppo: &Ppo,
     config: &Config,
     factory: &TableFactory,
     run: &RunFolder,
-    episodes: usize,
-    seed: u64,
-) -> dappo_learn::Result<Evaluation> {
-    let evaluation = evaluate(ppo, config, factory, episodes, seed)?;
-    run.write_evaluation("per_class.csv", &evaluation.to_csv())?;
+    interrupted: &AtomicBool,
+) -> dappo_learn::Result<Option<Evaluation>> {
+    let evaluation = evaluate(ppo, config, factory, &|| interrupted.load(Ordering::Relaxed))?;
+    if let Some(evaluation) = &evaluation {
+        run.write_evaluation("per_class.csv", &evaluation.to_csv())?;
+    }
     Ok(evaluation)
 }
 
@@ -56,16 +62,11 @@ pub fn show(evaluation: &Evaluation) {
         "class", "name", "group", "forward reward", "± s.e.", "length", "falls"
     ));
     for c in &evaluation.classes {
+        let error =
+            if c.standard_error.is_nan() { "–".to_owned() } else { format!("{:.1}", c.standard_error) };
         console::print_line(&format!(
-            "{:>5}  {:<36} {:<7} {:>14.1} {:>8.1} {:>8.0} {:>3}/{}",
-            c.class,
-            c.name,
-            c.group,
-            c.forward_reward,
-            c.standard_error,
-            c.episode_length,
-            c.falls,
-            c.episodes
+            "{:>5}  {:<36} {:<7} {:>14.1} {error:>8} {:>8.0} {:>3}/{}",
+            c.class, c.name, c.group, c.forward_reward, c.episode_length, c.falls, c.episodes
         ));
     }
     console::print_line(&format!(

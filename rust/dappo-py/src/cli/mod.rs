@@ -6,6 +6,7 @@ mod console;
 mod evaluate;
 mod progress;
 mod settings;
+mod signals;
 mod train;
 
 use clap::Parser;
@@ -20,6 +21,7 @@ const INTERRUPTED: i32 = 130;
 
 /// Runs the command line and returns its exit code.
 #[pyfunction]
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
     let cli = match Cli::try_parse_from(std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()))
     {
@@ -39,7 +41,9 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
         Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
         Command::Doctor(arguments) => forward(py, "dappo_batch.doctor", arguments),
     };
-    outcome.unwrap_or_else(|error| report(py, &error))
+    let code = outcome.unwrap_or_else(|error| report(py, &error));
+    // A Ctrl-C that a command has answered by itself still waits in Python, which would end with a trace.
+    if py.check_signals().is_err() { INTERRUPTED } else { code }
 }
 
 fn forward(py: Python<'_>, module: &str, arguments: &ForwardedArgs) -> PyResult<i32> {

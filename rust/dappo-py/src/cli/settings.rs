@@ -1,5 +1,7 @@
 //! From command-line arguments to a configuration.
 
+use std::path::Path;
+
 use dappo_learn::config::{Config, Layers};
 use pyo3::prelude::*;
 
@@ -9,7 +11,14 @@ use crate::errors::{Kind, from_learn, raise};
 
 /// The resolved configuration of a new run.
 pub fn resolve(arguments: &ConfigArgs) -> PyResult<Config> {
-    layers(arguments).and_then(Layers::resolve).map_err(|error| from_learn(&error))
+    let mut config = layers(arguments).and_then(Layers::resolve).map_err(|error| from_learn(&error))?;
+    // The run folder must find its robot file from any working directory.
+    if let Some(path) =
+        Path::new(&config.robot).is_file().then(|| std::path::absolute(&config.robot).ok()).flatten()
+    {
+        config.robot = path.display().to_string();
+    }
+    Ok(config)
 }
 
 fn layers(arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {

@@ -1,34 +1,33 @@
 //! `dappo-batch train`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use dappo_learn::config::Config;
+use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::{Meta, RunFolder};
 use dappo_learn::train::train;
+use dappo_sim::SimError;
 use pyo3::prelude::*;
-use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::args::TrainArgs;
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
-use super::{INTERRUPTED, console, settings};
-use crate::errors::{Kind, from_learn, raise};
+use super::{INTERRUPTED, console, settings, signals};
+use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i32> {
-    let (config, run) = match &arguments.resume {
-        Some(folder) => reopen(folder.clone(), arguments)?,
-        None => {
-            let config = settings::resolve(&arguments.config)?;
-            (config, None)
-        }
+    let (config, resumed) = if let Some(folder) = &arguments.resume {
+        let (run, config) = reopen(folder, arguments)?;
+        (config, Some(run))
+    } else {
+        (settings::resolve(&arguments.config)?, None)
     };
     let factory = TableFactory::compile(py, &config)?;
-    let resume = run.is_some();
-    let run = match run {
+    let resume = resumed.is_some();
+    let run = match resumed {
         Some(run) => run,
         None => create(py, arguments, &config, &factory, argv)?,
     };
@@ -36,9 +35,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
         console::note(&describe(&config, &factory, &run));
     }
 
-    let interrupted = Arc::new(AtomicBool::new(false));
-    watch_signals(&interrupted)?;
-    let mut display = Display::new(&config, arguments.json, interrupted);
+    let interrupted = signals::watch()?;
+    let mut display = Display::new(&config, arguments.json, Arc::clone(&interrupted));
     let outcome = py.detach(|| train(&config, &factory, &run, resume, &mut display));
     display.finish();
     let outcome = outcome.map_err(|error| from_learn(&error))?;
@@ -50,27 +48,31 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
         ));
         return Ok(INTERRUPTED);
     }
-    let (episodes, seed) = (config.evaluation.episodes, config.evaluation.seed);
-    let evaluation = py.detach(|| evaluate_and_save(&outcome.ppo, &config, &factory, &run, episodes, seed));
+    let evaluation = py.detach(|| evaluate_and_save(&outcome.ppo, &config, &factory, &run, &interrupted));
+    let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else {
+        let root = run.root().display();
+        console::note(&format!(
+            "interrupted after the training; evaluate it with: dappo-batch evaluate {root}"
+        ));
+        return Ok(INTERRUPTED);
+    };
     if !arguments.json {
-        show(&evaluation.map_err(|error| from_learn(&error))?);
+        show(&evaluation);
         console::print_line(&format!("run folder: {}", run.root().display()));
     }
     Ok(0)
 }
 
 /// Opens a run to go on with; `--steps` may extend its budget.
-fn reopen(folder: PathBuf, arguments: &TrainArgs) -> PyResult<(Config, Option<RunFolder>)> {
-    let (run, mut config) = RunFolder::open(&folder).map_err(|error| from_learn(&error))?;
+fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(RunFolder, Config)> {
+    let (run, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
     if let Some(steps) = arguments.config.steps {
-        config.total_steps = u64::try_from(steps)
-            .map_err(|_| raise(Kind::Config, format!("--steps is {steps}, expected a positive number")))?;
-        run.write_config(&config).map_err(|error| from_learn(&error))?;
+        config.total_steps = steps as u64;
     }
     if let Some(threads) = arguments.config.threads {
-        config.env.threads = usize::try_from(threads).ok().filter(|&threads| threads > 0);
+        config.env.threads = Some(threads as usize);
     }
-    Ok((config, Some(run)))
+    Ok((run, config))
 }
 
 fn create(
@@ -80,8 +82,10 @@ fn create(
     factory: &TableFactory,
     argv: &[String],
 ) -> PyResult<RunFolder> {
+    // A run that could not begin, or could not enter a later stage, leaves no folder behind.
+    check_names(config, factory).map_err(|error| from_sim(&error))?;
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
-    let robot = dappo_learn::envs::EnvFactory::robot(factory).name.clone();
+    let robot = factory.robot().name.clone();
     let root = arguments
         .run
         .clone()
@@ -99,9 +103,13 @@ fn create(
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
         command: std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()).collect(),
     };
-    let run = RunFolder::create(&root, config).map_err(|error| from_learn(&error))?;
-    run.write_meta(&meta).map_err(|error| from_learn(&error))?;
-    Ok(run)
+    RunFolder::create(&root, config, &meta).map_err(|error| from_learn(&error))
+}
+
+/// Checks what only the robot can tell: the name of the reward and the damages of every stage.
+fn check_names(config: &Config, factory: &TableFactory) -> Result<(), SimError> {
+    factory.robot().reward(config.env.reward.as_deref())?;
+    config.curriculum.iter().try_for_each(|stage| stage.mix.distribution(factory.space()).map(|_| ()))
 }
 
 fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {
@@ -115,15 +123,4 @@ fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String 
         config.total_steps,
         run.root().display()
     )
-}
-
-/// The first Ctrl-C or `kill` asks the training to save and stop, the second ends the program at once.
-fn watch_signals(interrupted: &Arc<AtomicBool>) -> PyResult<()> {
-    let failed = |error: std::io::Error| raise(Kind::Simulation, format!("cannot watch for Ctrl-C: {error}"));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(interrupted))
-            .map_err(failed)?;
-        signal_hook::flag::register(signal, Arc::clone(interrupted)).map_err(failed)?;
-    }
-    Ok(())
 }

@@ -1,5 +1,10 @@
 //! Elementwise loops of the MLP: bias and tanh, their derivatives, column sums.
 
+#![expect(
+    clippy::inline_always,
+    reason = "a body is compiled for an instruction set only inside the function that enables it"
+)]
+
 use super::level::for_every_level;
 
 /// Beyond this |x|, tanh(x) rounds to ±1 and the approximation below is not used.
@@ -10,7 +15,7 @@ const CLAMP_NO_FMA: f32 = 7.905_311;
 /// Numerator coefficients of x¹, x³ … x¹³, highest power first.
 ///
 /// The rational approximation 13/6 of tanh used by Eigen (`MathFunctionsImpl.h`,
-/// `generic_fast_tanh_float`); its absolute error is below 4e-7 for every f32.
+/// `generic_fast_tanh_float`); its absolute error is below 5e-7 for every f32.
 const NUMERATOR: [f32; 7] = [
     -2.760_768_5e-16,
     2.000_188e-13,
@@ -132,7 +137,7 @@ mod tests {
             for (x, y) in xs.iter().zip(tanh_of(level, &xs)) {
                 let expected = f64::from(*x).tanh();
                 let error = (f64::from(y) - expected).abs();
-                assert!(error <= 4e-7, "{level:?}: tanh({x}) = {y}, expected {expected}");
+                assert!(error <= 5e-7, "{level:?}: tanh({x}) = {y}, expected {expected}");
                 assert!(y.abs() <= 1.0, "{level:?}: |tanh({x})| = {y} exceeds 1");
             }
         }
@@ -156,18 +161,26 @@ mod tests {
         let run = |level| {
             let mut activation = rows.clone();
             bias_tanh(level, &mut activation, &bias);
-            let (mut gradient, mut bias_gradient) = (rows.clone(), vec![0.0; 37]);
+            let mut gradient: Vec<f32> = rows.iter().map(|x| x.cos()).collect();
+            let mut bias_gradient = vec![0.0; 37];
             tanh_backward(level, &mut gradient, &activation, &mut bias_gradient);
             let mut sums = bias.clone();
             column_sums(level, &gradient, &mut sums);
-            bias_add(level, &mut gradient, &sums);
-            [activation, gradient, bias_gradient, sums].concat()
+            bias_add(level, &mut gradient, &bias);
+            [activation, gradient, bias_gradient, sums]
         };
         let expected = run(Level::available()[0]);
+        // Column sums add up the differences of 33 rows.
+        let tolerances = [1e-6, 1e-6, 33e-6, 33e-6];
         for level in Level::available() {
-            for (got, expected) in run(level).iter().zip(&expected) {
-                let error = (got - expected).abs();
-                assert!(error <= 1e-6 * expected.abs().max(1.0), "{level:?}: {got}, expected {expected}");
+            for ((got, expected), tolerance) in run(level).iter().zip(&expected).zip(tolerances) {
+                for (got, expected) in got.iter().zip(expected) {
+                    let error = (got - expected).abs();
+                    assert!(
+                        error <= tolerance * expected.abs().max(1.0),
+                        "{level:?}: {got}, expected {expected}"
+                    );
+                }
             }
         }
     }

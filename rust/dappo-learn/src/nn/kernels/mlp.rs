@@ -15,7 +15,7 @@ use super::matmul::{Matrix, matmul};
 /// fixed, so that the result does not depend on the number of threads.
 const PARTITIONS: usize = 16;
 /// Blocks have between this many rows …
-const MIN_BLOCK: usize = 32;
+const MIN_BLOCK: usize = 128;
 /// … and this many: activations of a 100-200-100 net then fit into a core's cache.
 const MAX_BLOCK: usize = 256;
 
@@ -64,6 +64,7 @@ fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
 }
 
 /// The gradients of one layer, cut off the front of `gradients`.
+#[expect(clippy::mut_mut, reason = "a cursor into a slice is a mutable reference to it")]
 fn split_layer<'a>(gradients: &mut &'a mut [f32], layer: &Layer<'_>) -> (&'a mut [f32], &'a mut [f32]) {
     let (weight, rest) = std::mem::take(gradients).split_at_mut(layer.weight.len());
     let (bias, rest) = rest.split_at_mut(layer.outputs);

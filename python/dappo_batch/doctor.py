@@ -1,0 +1,290 @@
+"""``dappo-batch doctor``: what is installed, what works, and what to install for everything else.
+
+A missing extra is not a failure. What can fail is the core: simulating damaged robots on this processor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import ctypes.util
+import importlib
+import importlib.metadata
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from dappo_batch import mujoco_library
+from dappo_batch.bench.machine import cores, cpu_flags, cpu_name
+from dappo_batch.class_table import compile_class_table
+from dappo_batch.envs import make_vec
+
+__all__ = ["Check", "diagnose", "main"]
+
+Status = Literal["ok", "missing", "failed"]
+
+_RENDER_TIMEOUT = 60.0  # s; the first frame on a machine without a GPU may compile shaders for a while
+_RENDER = """\
+import mujoco
+model = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><light pos='0 0 3'/><geom type='sphere' size='1'/></worldbody></mujoco>"
+)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+renderer = mujoco.Renderer(model, 32, 32)
+renderer.update_scene(data)
+print("brightest pixel", int(renderer.render().max()), flush=True)
+# Freeing some software renderers fails, which says nothing about pictures.
+import os
+os._exit(0)
+"""
+_RENDERERS = {
+    "egl": "apt-get install libegl1 libgl1-mesa-dri",
+    "osmesa": "apt-get install libosmesa6",
+}
+
+
+@dataclass(frozen=True)
+class _Extra:
+    """An optional package, what it is for and how to get it."""
+
+    package: str
+    purpose: str
+    install: str
+
+
+_EXTRAS = (
+    _Extra("imageio", "videos and pictures", "pip install imageio"),
+    _Extra("imageio-ffmpeg", "videos as mp4", "pip install imageio-ffmpeg"),
+    _Extra("matplotlib", "figures in reports", "pip install matplotlib"),
+    _Extra("tensorboard", "watching a training run", "pip install tensorboard"),
+    _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
+    _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),
+    _Extra("torch", "using the environments from PyTorch", "pip install torch"),
+    _Extra("envpool", "one more contender in `dappo-batch bench`", "pip install envpool"),
+    _Extra("warp-lang", "simulation on a GPU", "pip install warp-lang"),
+    _Extra("mujoco-warp", "simulation on a GPU", "pip install mujoco-warp"),
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """The answer to one question.
+
+    Attributes
+    ----------
+    name : str
+        What was looked at.
+    status : {"ok", "missing", "failed"}
+        ``missing`` is something optional that is not there; ``failed`` is something that should work.
+    detail : str
+        What was found, or what went wrong.
+    cure : str
+        A command or an advice, where one is known.
+    core : bool
+        Whether nothing works without it.
+    """
+
+    name: str
+    status: Status
+    detail: str
+    cure: str = ""
+    core: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it."""
+        return {
+            "status": self.status,
+            "detail": self.detail,
+            "cure": self.cure,
+            "core": self.core,
+        }
+
+
+def _core(name: str, look: Callable[[], str], cure: str) -> Check:
+    """Turn a function that returns what it found, or raises, into a check of the core."""
+    try:
+        return Check(name, "ok", look(), core=True)
+    except Exception as error:
+        # A doctor that falls ill helps nobody: whatever goes wrong is the finding.
+        return Check(name, "failed", f"{type(error).__name__}: {error}", cure, core=True)
+
+
+def _library() -> str:
+    path = mujoco_library.library_path()
+    library = ctypes.CDLL(str(path))
+    library.mj_versionString.restype = ctypes.c_char_p
+    return f"{path} (MuJoCo {library.mj_versionString().decode()})"
+
+
+def _version(package: str) -> str:
+    return importlib.metadata.version(package)
+
+
+def _self_test() -> str:
+    """Compile the Ant's classes and take ten steps with four of them."""
+    table = compile_class_table("ant")
+    envs = make_vec(table, num_envs=4, seed=0)
+    try:
+        obs, _ = envs.reset(seed=0)
+        rng = np.random.default_rng(0)
+        for _ in range(10):
+            obs, rewards, _, _, _ = envs.step(rng.uniform(-1.0, 1.0, envs.action_space.shape))
+            if not (np.isfinite(obs).all() and np.isfinite(rewards).all()):
+                raise ArithmeticError("an observation or a reward is not a finite number")
+    finally:
+        envs.close()
+    return f"{len(table.models)} damage classes of the Ant compiled, 10 steps of 4 envs taken"
+
+
+def _core_checks() -> list[Check]:
+    reinstall = "pip install --force-reinstall"
+    return [
+        _core("dappo-batch", lambda: _version("dappo-batch"), f"{reinstall} dappo-batch"),
+        _core("mujoco", lambda: _version("mujoco"), f"{reinstall} mujoco"),
+        _core("mujoco library", _library, f"{reinstall} mujoco"),
+        _core("gymnasium", lambda: _version("gymnasium"), f"{reinstall} gymnasium"),
+        _core("numpy", lambda: _version("numpy"), f"{reinstall} numpy"),
+        _core("self test", _self_test, f"{reinstall} mujoco dappo-batch"),
+    ]
+
+
+def _gpu() -> Check:
+    """Look for a CUDA GPU: through its command line tool, or else through its driver."""
+    tool = shutil.which("nvidia-smi")
+    if tool is not None:
+        query = [tool, "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader"]
+        try:
+            done = subprocess.run(query, capture_output=True, text=True, check=False, timeout=20.0)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return Check("gpu", "missing", f"nvidia-smi does not answer: {error}")
+        if done.returncode == 0 and done.stdout.strip():
+            return Check("gpu", "ok", "; ".join(done.stdout.strip().splitlines()))
+    try:
+        cuda = ctypes.CDLL(ctypes.util.find_library("cuda") or "libcuda.so.1")
+        count, version = ctypes.c_int(0), ctypes.c_int(0)
+        if cuda.cuInit(0) == 0 and cuda.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0:
+            cuda.cuDriverGetVersion(ctypes.byref(version))
+            major, minor = version.value // 1000, version.value % 1000 // 10
+            return Check("gpu", "ok", f"{count.value} CUDA devices, driver for CUDA {major}.{minor}")
+    except (OSError, AttributeError):
+        pass
+    return Check("gpu", "missing", "no NVIDIA GPU or no driver; everything runs on the CPU")
+
+
+def _renderer(name: str) -> Check:
+    """Render a picture without a screen, in a process of its own: a bad driver may crash it."""
+    environment = os.environ | {"MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}
+    cure = _RENDERERS[name]
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _RENDER],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_RENDER_TIMEOUT,
+            env=environment,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Check(name, "missing", f"rendering does not end: {error}", cure)
+    words = done.stdout.split()
+    if done.returncode == 0 and words and int(words[-1]) > 0:
+        return Check(name, "ok", f"renders; choose it with MUJOCO_GL={name}")
+    lines = done.stderr.strip().splitlines()
+    reason = lines[-1] if lines else f"exit code {done.returncode}, a black picture or none"
+    return Check(name, "missing", reason, cure)
+
+
+def _ffmpeg() -> Check:
+    path = shutil.which("ffmpeg")
+    if path is not None:
+        return Check("ffmpeg", "ok", path)
+    try:
+        bundled = importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
+        return Check("ffmpeg", "ok", f"{bundled} (of imageio-ffmpeg)")
+    except (ImportError, RuntimeError):
+        return Check("ffmpeg", "missing", "no program that writes mp4", "pip install imageio-ffmpeg")
+
+
+def _extra(extra: _Extra) -> Check:
+    try:
+        return Check(extra.package, "ok", f"{_version(extra.package)}: {extra.purpose}")
+    except importlib.metadata.PackageNotFoundError:
+        return Check(extra.package, "missing", extra.purpose, extra.install)
+
+
+def diagnose(*, rendering: bool = True) -> dict[str, Any]:
+    """Look at everything and return the findings as JSON can hold them.
+
+    Parameters
+    ----------
+    rendering : bool
+        Whether to try to render, which takes a few seconds.
+
+    Returns
+    -------
+    dict
+        ``ok`` (whether the core works), ``python``, ``platform``, ``cpu``, and the groups of checks
+        ``core``, ``devices``, ``rendering`` and ``extras``: name → status, detail, cure, core.
+    """
+    groups = {
+        "core": _core_checks(),
+        "devices": [_gpu()],
+        "rendering": [*map(_renderer, _RENDERERS), _ffmpeg()] if rendering else [],
+        "extras": [_extra(extra) for extra in _EXTRAS],
+    }
+    checks = [check for group in groups.values() for check in group]
+    return {
+        "ok": not any(check.core and check.status == "failed" for check in checks),
+        "python": {"version": platform.python_version(), "executable": sys.executable},
+        "platform": platform.platform(),
+        "cpu": {"name": cpu_name(), "cores": cores(), "flags": cpu_flags()},
+    } | {name: {check.name: check.as_dict() for check in group} for name, group in groups.items()}
+
+
+_MARKS = {"ok": "ok     ", "missing": "missing", "failed": "FAILED "}
+
+
+def _text(findings: dict[str, Any]) -> str:
+    cpu = findings["cpu"]
+    lines = [
+        f"Python {findings['python']['version']} ({findings['python']['executable']})",
+        findings["platform"],
+        f"{cpu['name']}, {cpu['cores']} cores, {' '.join(cpu['flags']) or 'no vector instructions known'}",
+    ]
+    for group in ("core", "devices", "rendering", "extras"):
+        if findings[group]:
+            lines += ["", group]
+        for name, check in findings[group].items():
+            cure = f"; try: {check['cure']}" if check["cure"] else ""
+            lines.append(f"  {_MARKS[check['status']]}  {name:18} {check['detail']}{cure}")
+    verdict = "the core works" if findings["ok"] else "the core does not work: see FAILED above"
+    return "\n".join([*lines, "", verdict])
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run ``dappo-batch doctor`` and return its exit code: 0 if the core works, otherwise 1.
+
+    Parameters
+    ----------
+    argv : sequence of str
+        The arguments behind ``doctor``.
+    """
+    parser = argparse.ArgumentParser(
+        prog="dappo-batch doctor",
+        description="Say what is installed, what works and what to install. "
+        "The exit code is 0 if the core works; missing extras are not failures.",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    arguments = parser.parse_args(argv)
+    findings = diagnose()
+    print(json.dumps(findings, indent=2) if arguments.json else _text(findings))
+    return 0 if findings["ok"] else 1

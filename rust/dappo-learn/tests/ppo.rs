@@ -1,0 +1,186 @@
+//! The learner as a whole: it learns, it resumes to the bit, it does not depend on threads.
+
+#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
+
+use std::path::PathBuf;
+
+use burn::tensor::Device;
+use dappo_learn::ppo::load_actor_critic;
+use dappo_learn::{Ppo, PpoConfig, PpoLosses, Rollout, gae};
+use dappo_sim::rng::{Purpose, Stream};
+
+const OBS: usize = 3;
+const CODE: usize = 1;
+const ACTIONS: usize = 2;
+
+fn small() -> PpoConfig {
+    PpoConfig {
+        hidden: vec![16, 16],
+        minibatch_size: 128,
+        value_minibatch_size: 128,
+        epochs: 4,
+        value_epochs: 3,
+        ..PpoConfig::default()
+    }
+}
+
+fn learner(config: &PpoConfig) -> Ppo {
+    Ppo::new(config, OBS, CODE, ACTIONS, 7, &Device::flex()).unwrap()
+}
+
+/// A bandit: every step is an episode, and the best action is (obs₀, −code) / 2.
+fn play(ppo: &Ppo, iteration: u64) -> Rollout {
+    let (horizon, envs) = (8, 64);
+    let mut stream = Stream::new(11, iteration, Purpose::ActionNoise);
+    let mut rollout = Rollout::new(horizon, envs, ACTIONS, ppo.normalizer().clone());
+    for step in 0..horizon {
+        let obs: Vec<f32> = (0..envs)
+            .flat_map(|_| {
+                [2.0 * stream.normal() as f32, 5.0 + stream.normal() as f32, stream.below(2) as f32]
+            })
+            .collect();
+        let noise: Vec<f32> = (0..envs * ACTIONS).map(|_| stream.normal() as f32).collect();
+        let decision = ppo.actor_critic().act(&obs, ppo.normalizer(), &noise).unwrap();
+        let reward = |(obs, action): (&[f32], &[f32])| {
+            let error = (action[0] - obs[0] / 2.0).powi(2) + (action[1] + obs[2] / 2.0).powi(2);
+            -f64::from(error)
+        };
+        let rewards: Vec<f64> =
+            obs.chunks_exact(OBS).zip(decision.actions.chunks_exact(ACTIONS)).map(reward).collect();
+        rollout.record_decision(step, &obs, &decision).unwrap();
+        rollout.record_outcome(step, &rewards, &[true; 64], &[false; 64]).unwrap();
+    }
+    rollout
+}
+
+fn train(ppo: &mut Ppo) -> (f64, PpoLosses) {
+    let rollout = play(ppo, ppo.updates());
+    let targets = gae(&rollout, ppo.config().gamma, ppo.config().gae_lambda).unwrap();
+    let mean = rollout.rewards.iter().map(|r| f64::from(*r)).sum::<f64>() / rollout.len() as f64;
+    (mean, ppo.update(&rollout, &targets).unwrap())
+}
+
+/// Everything that a bit could differ in: the next rollout, the normaliser, β and the factor.
+fn fingerprint(ppo: &Ppo) -> (Vec<u32>, String) {
+    let rollout = play(ppo, 99);
+    let numbers = [rollout.means, rollout.values, rollout.log_probs, rollout.actions].concat();
+    let bits = numbers.iter().map(|x| x.to_bits()).collect();
+    (bits, format!("{:?} {:?} {}", ppo.normalizer(), ppo.adaptation(), ppo.updates()))
+}
+
+fn temporary(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("dappo-learn-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&dir).unwrap();
+    dir
+}
+
+#[test]
+fn the_policy_of_a_continuous_bandit_improves_and_uses_the_code() {
+    let config = PpoConfig { learning_rate: 3e-3, ..small() };
+    let mut ppo = learner(&config);
+    let (first, _) = train(&mut ppo);
+    let mut last = (first, None);
+    for _ in 0..60 {
+        let (mean, losses) = train(&mut ppo);
+        last = (mean, Some(losses));
+    }
+    // The noise alone costs 2 e⁻¹ = 0.74 at the initial variance, ignoring the observation 1 + 1/8 more.
+    assert!(first < -1.4, "first mean reward {first}");
+    assert!(last.0 > -0.5, "last mean reward {}, losses {:?}", last.0, last.1);
+    let obs = [2.0, 5.0, 0.0, 2.0, 5.0, 1.0];
+    let actions = ppo.actor_critic().mean_actions(&obs, ppo.normalizer()).unwrap();
+    assert!((actions[0] - 1.0).abs() < 0.35, "{actions:?}");
+    assert!(actions[1] - actions[3] > 0.25, "the code should move the second action by 1/2: {actions:?}");
+}
+
+#[test]
+fn two_updates_equal_one_update_then_saving_loading_and_another_to_the_bit() {
+    let config = small();
+    let dir = temporary("resume");
+    let mut straight = learner(&config);
+    train(&mut straight);
+    let (_, expected) = train(&mut straight);
+
+    let mut first = learner(&config);
+    train(&mut first);
+    first.save(&dir).unwrap();
+    drop(first);
+    let mut resumed = Ppo::load(&dir, &config, &Device::flex()).unwrap();
+    let (_, got) = train(&mut resumed);
+    assert_eq!(got, expected);
+    assert_eq!(fingerprint(&resumed), fingerprint(&straight));
+
+    // A third update depends on Adam's moments and the value batch once more.
+    assert_eq!(train(&mut resumed), train(&mut straight));
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn a_learner_saved_before_its_first_update_resumes_too() {
+    let dir = temporary("fresh");
+    let mut ppo = learner(&small());
+    ppo.save(&dir).unwrap();
+    let mut resumed = Ppo::load(&dir, &small(), &Device::flex()).unwrap();
+    assert_eq!(train(&mut resumed), train(&mut ppo));
+    assert_eq!(fingerprint(&resumed), fingerprint(&ppo));
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn the_networks_alone_load_for_evaluation_and_act_the_same() {
+    let dir = temporary("evaluate");
+    let mut ppo = learner(&small());
+    train(&mut ppo);
+    ppo.save(&dir).unwrap();
+    let (networks, normalizer) = load_actor_critic(&dir, &Device::flex()).unwrap();
+    let obs = [0.3, 5.0, 1.0, -2.0, 4.0, 0.0];
+    let expected = ppo.actor_critic().mean_actions(&obs, ppo.normalizer()).unwrap();
+    assert_eq!(networks.mean_actions(&obs, &normalizer).unwrap(), expected);
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn an_update_does_not_depend_on_the_number_of_threads() {
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut ppo = learner(&small());
+            let outcomes = [train(&mut ppo), train(&mut ppo)];
+            (outcomes, fingerprint(&ppo))
+        })
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn an_update_that_goes_too_far_stops_early_and_raises_the_kl_weight() {
+    let config = PpoConfig { learning_rate: 0.05, epochs: 10, ..small() };
+    let mut ppo = learner(&config);
+    let (_, losses) = train(&mut ppo);
+    assert!(losses.kl > 4.0 * config.kl_target, "{losses:?}");
+    assert!(losses.epochs_run < 10, "{losses:?}");
+    assert_eq!(losses.kl_coef, 1.5);
+}
+
+#[test]
+fn checkpoints_of_other_networks_and_missing_files_are_refused_with_their_path() {
+    let dir = temporary("mismatch");
+    learner(&small()).save(&dir).unwrap();
+    let other = PpoConfig { hidden: vec![8], ..small() };
+    let message = Ppo::load(&dir, &other, &Device::flex()).err().unwrap().to_string();
+    assert!(message.contains("learner.toml: hidden is [16, 16], expected [8]"), "{message}");
+    std::fs::remove_file(dir.join("policy.bpk")).unwrap();
+    let message = Ppo::load(&dir, &small(), &Device::flex()).err().unwrap().to_string();
+    assert!(message.contains("policy.bpk"), "{message}");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn a_rollout_of_another_shape_is_refused_by_name() {
+    let mut ppo = learner(&small());
+    let mut rollout = play(&ppo, 0);
+    let targets = gae(&rollout, 0.9, 0.9).unwrap();
+    rollout.action_dim = 1;
+    let message = ppo.update(&rollout, &targets).unwrap_err().to_string();
+    assert!(message.starts_with("actions [T, N, A] has 1024 elements, expected 512"), "{message}");
+}

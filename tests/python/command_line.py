@@ -1,0 +1,49 @@
+"""Run the console script in processes of their own, and read what it leaves behind."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+PROGRAM = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
+TINY = (
+    *("--threads", "1", "--envs", "4", "--set"),
+    *("horizon=16", "env.max_episode_steps=20", "ppo.hidden=[8]"),
+    *("evaluation.episodes=1", "damage.max_damaged_limbs=1", "checkpoint.every=3"),
+)
+"""A training so small that a process spends most of its time on imports."""
+ITERATION = 64
+"""Env steps of one iteration of a tiny training."""
+
+
+def dappo_batch(*arguments: str | Path, code: int = 0, cwd: Path | None = None) -> tuple[str, str]:
+    """Run the command line; return its standard output and error."""
+    command = [*PROGRAM, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
+    assert done.returncode == code, (command, done.returncode, done.stdout, done.stderr)
+    return done.stdout, done.stderr
+
+
+def start(*arguments: str | Path) -> subprocess.Popen[str]:
+    """Start the command line without waiting for its end."""
+    command = [*PROGRAM, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def read_lines(text: str) -> list[dict[str, Any]]:
+    """Parse lines of metrics, without the times, which no two runs share."""
+    lines = [json.loads(line) for line in text.splitlines()]
+    return [{key: line[key] for key in line if not key.endswith("_seconds")} for line in lines]
+
+
+def metrics(run: Path) -> list[dict[str, Any]]:
+    """Read the metrics of a run, without the times."""
+    return read_lines((run / "metrics.jsonl").read_text())
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Read every file below a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}

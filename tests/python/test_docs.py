@@ -1,0 +1,191 @@
+"""The documentation: its links lead somewhere, its commands exist, its examples and marked blocks run."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "kernels/README.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
+SECONDS = 240  # far more than any block needs: only a hang is cut off
+
+FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)|<img[^>]*\ssrc=\"([^\"]+)\"")
+COMMAND = re.compile(r"\bdappo-batch(?: ([a-z]\S*))?([^|\n;&]*)")
+
+# The documentation shows sizes that a reader wants; a test wants small ones.
+SMALLER = {
+    "--envs": "4",
+    "--episodes": "1",
+    "--seconds": "0.05",
+    "--rounds": "1",
+}
+# Names of contenders in tables of `bench`, not commands.
+CONTENDERS = {"copy", "damaged"}
+SMALL_TRAINING = (
+    "--set horizon=16 env.max_episode_steps=20 evaluation.episodes=1 ppo.epochs=1 ppo.value_epochs=1"
+)
+
+
+class Block(NamedTuple):
+    """A fenced block of a page."""
+
+    language: str
+    runnable: bool
+    text: str
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(page: Path) -> list[Block]:
+    found = []
+    for info, text in FENCE.findall(page.read_text(encoding="utf-8")):
+        words = info.split()
+        assert words, f"{name_of(page)}: a fenced block names no language"
+        assert set(words[1:]) <= {"runnable"}, f"{name_of(page)}: unknown mark in ```{info}"
+        found.append(Block(words[0], "runnable" in words, text))
+    return found
+
+
+def prose(page: Path) -> str:
+    """Return a page without code."""
+    return re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text(encoding="utf-8")))
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that code hosts give to the headings of a page."""
+    headings = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@cache
+def help_of(command: str) -> str:
+    """Return what ``dappo-batch COMMAND --help`` prints; the list of commands for an empty name."""
+    return run(["dappo-batch", *command.split(), "--help"], ROOT)
+
+
+def shrunk(line: str) -> str:
+    """Return a command line of the documentation with sizes that take a second."""
+    if not line.startswith("dappo-batch "):
+        return line
+    for option, value in SMALLER.items():
+        line = re.sub(rf"{option} \S+", f"{option} {value}", line)
+    if line.startswith("dappo-batch train"):
+        if "--resume" in line:
+            return re.sub(r"--steps \S+", "--steps 256", line)
+        line = re.sub(r"--steps \S+", "--steps 128", line)
+        if "--envs" not in line:
+            line += " --envs 4"
+        return f"{line} {SMALL_TRAINING}"
+    return line
+
+
+@pytest.fixture
+def workplace(tmp_path: Path) -> Path:
+    """Return a folder that looks like the repository, in which blocks may leave their runs."""
+    for name in ("configs", "docs", "tests", "Makefile"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+def run(command: list[str], folder: Path) -> str:
+    environment = os.environ | {
+        # `python` and `dappo-batch` are those of the interpreter that runs the tests.
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONWARNINGS": "error",
+    }
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        env=environment,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_relative_link_and_image_leads_to_a_file_and_a_heading(page: Path) -> None:
+    for first, second in LINK.findall(prose(page)):
+        target, _, anchor = (first or second).partition("#")
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        path = page if not target else (page.parent / unquote(target)).resolve()
+        assert path.exists(), f"{name_of(page)} links to {target}, which does not exist"
+        assert path.is_relative_to(ROOT), f"{name_of(page)} links to {target}, outside the repository"
+        if anchor:
+            assert anchor in anchors(path), f"{name_of(page)} links to #{anchor}, no heading of {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_command_and_option_that_a_page_names_exists(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    shell = "\n".join(block.text for block in blocks(page) if block.language == "sh")
+    spans = "\n".join(re.findall(r"`([^`\n]+)`", FENCE.sub("", text)))
+    for command, rest in COMMAND.findall(f"{shell}\n{spans}"):
+        if command in CONTENDERS:
+            continue
+        if command:
+            known = re.findall(r"^  ([a-z]+) ", help_of(""), re.MULTILINE)
+            assert command in known, f"no command {command}"
+        for option in re.findall(r"(?<!\S)--[a-z][a-z-]*", rest):
+            assert re.search(rf"{option}\b", help_of(command)), f"dappo-batch {command} has no {option}"
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_make_job_that_a_page_names_exists(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    jobs = set(re.findall(r"^make ([a-z-]+)", text, re.MULTILINE)) | set(
+        re.findall(r"`make ([a-z-]+)`", text)
+    )
+    for job in sorted(jobs):
+        run(["make", "-n", job], ROOT)
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if any(block.runnable for block in blocks(page))], ids=name_of
+)
+def test_the_runnable_blocks_of_a_page_run_from_top_to_bottom(page: Path, workplace: Path) -> None:
+    for block in blocks(page):
+        if block.runnable and block.language == "python":
+            run([sys.executable, "-c", block.text], workplace)
+        elif block.runnable:
+            assert block.language == "sh"
+            lines = [shrunk(line) for line in block.text.splitlines() if "docs/examples/" not in line]
+            run(["bash", "-euo", "pipefail", "-c", "\n".join(lines)], workplace)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
+def test_every_example_runs_and_prints_something(example: Path, tmp_path: Path) -> None:
+    assert run([sys.executable, str(example)], tmp_path).strip()
+
+
+def test_examples_are_short_and_named_in_a_guide() -> None:
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for example in EXAMPLES:
+        assert len(example.read_text(encoding="utf-8").splitlines()) < 60
+        assert f"python docs/examples/{example.name}" in pages
+
+
+def test_the_two_main_commands_come_first_in_the_readme() -> None:
+    first, second = [block.text.strip() for block in blocks(ROOT / "README.md")][:2]
+    assert (first, second) == ("make train", "make test")
