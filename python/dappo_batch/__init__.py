@@ -1,4 +1,4 @@
-"""Reinforcement learning for robots that diagnose their damage and adapt to it.
+"""Damage-randomised robots in MuJoCo, and policies that adapt to their damage.
 
 Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``dappo_batch/Hexapod-v0``.
 """

@@ -66,7 +66,10 @@ class ClassTable:
     main_body: int
 
     def worker_data(self, count: int) -> list[mujoco.MjData]:
-        """Return `count` new ``mujoco.MjData``, each of which fits every class."""
+        """Return `count` new ``mujoco.MjData``, each of which fits every class.
+
+        A worker thread needs one of its own; an env needs none, only a state.
+        """
         return [mujoco.MjData(self.models[0]) for _ in range(count)]
 
 

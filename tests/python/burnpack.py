@@ -1,8 +1,8 @@
 """Read checkpoints for comparison.
 
-Two trainings of the same settings write the same numbers, but not the same bytes: burn names the parameters of
-a network by random ids, which appear in the records of networks and optimisers, and with them vary the order of
-the entries, the CRC-32 in the manifest and, rarely, a length. Here every id is replaced by the name of its
+Two trainings of the same settings write the same numbers, but not the same bytes: burn names the parameters
+of a network by random ids. These appear in the records of networks and optimisers, and with them vary the order
+of the entries, the CRC-32 in the manifest and, rarely, a length. Here every id is replaced by the name of its
 parameter; everything else is compared bit for bit.
 """
 

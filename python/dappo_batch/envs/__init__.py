@@ -32,6 +32,20 @@ def make_vec(
 ) -> DamageVectorEnv:
     """Make `num_envs` environments of one robot; `DamageVectorEnv` describes every parameter.
 
+    Returns
+    -------
+    DamageVectorEnv
+        Observations float32 [N, O] and actions float32 [N, A]; with `observe_damage` the last
+        ``table.space.code_length`` of the O entries are the damage code.
+
+    Raises
+    ------
+    ConfigError, ShapeError
+        If an argument is out of range, has a wrong shape, or names a robot, class or reward that does
+        not exist.
+    ClassTableError
+        If a damage class of the robot does not compile.
+
     Examples
     --------
     >>> import dappo_batch

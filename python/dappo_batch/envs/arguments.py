@@ -48,7 +48,13 @@ def integer(value: object, what: str, minimum: int) -> int:
 
 
 def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
-    """Return the Gymnasium mode called `value` (``"next_step"``, ``"NextStep"`` or the enum member)."""
+    """Return the Gymnasium mode called `value` (``"next_step"``, ``"NextStep"`` or the enum member).
+
+    Raises
+    ------
+    ConfigError
+        If there is no such mode.
+    """
     for mode in AutoresetMode:
         if value in (mode, mode.value, mode.name.lower()):
             return mode
@@ -57,7 +63,13 @@ def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
 
 
 def class_id(space: DamageSpace, spec: object) -> int:
-    """Return the id of the damage class that `spec` names (an id or a spec string)."""
+    """Return the id of the damage class that `spec` names (an id or a spec string).
+
+    Raises
+    ------
+    ConfigError
+        If `space` has no such class.
+    """
     if isinstance(spec, str):
         return space.parse(spec)
     number = integer(spec, "a damage class id", 0)
@@ -75,6 +87,13 @@ def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | N
     -------
     weights : array of shape [D] or None
         Not normalised; ``None`` stands for the uniform distribution over all classes.
+
+    Raises
+    ------
+    ConfigError
+        If a class does not exist, a weight is negative or not finite, or all of them are 0.
+    ShapeError
+        If an array of weights does not have one for each class.
     """
     if isinstance(damage, str) and damage == "uniform":
         return None
@@ -124,7 +143,13 @@ def _weight(spec: object, value: object) -> float:
 
 
 def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
-    """Return the inclusive range of episode steps from which the onset is drawn."""
+    """Return the inclusive range of episode steps from which the onset is drawn.
+
+    Raises
+    ------
+    ConfigError
+        If a step is no integer or negative, or the range is empty.
+    """
     low, high = onset if isinstance(onset, Sequence) and len(onset) == 2 else (onset, onset)
     low, high = integer(low, "onset", 0), integer(high, "onset", 0)
     if high < low:
@@ -148,7 +173,15 @@ def stream_keys(
     Returns
     -------
     keys : array of shape [N]
+        0 where none was given.
     given : array of shape [N]
+
+    Raises
+    ------
+    ConfigError
+        If a seed is no integer, negative, or above 2**64 - 1.
+    ShapeError
+        If a sequence does not have one seed for each env.
     """
     if isinstance(seed, Sequence | np.ndarray):
         values = list(seed)
@@ -184,7 +217,15 @@ class ResetOptions:
 
     @classmethod
     def parse(cls, options: Mapping[str, Any] | None, space: DamageSpace, num_envs: int) -> ResetOptions:
-        """Check the ``options`` of ``reset`` and spread single values over all envs."""
+        """Check the ``options`` of ``reset`` and spread single values over all envs.
+
+        Raises
+        ------
+        ConfigError
+            If an option is unknown or a value of it cannot be used.
+        ShapeError
+            If an option has neither one value nor one for each env.
+        """
         options = options or {}
         unknown = sorted(set(options) - set(RESET_OPTIONS))
         if unknown:

@@ -27,10 +27,23 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     means no time limit inside the env, because ``gymnasium.make`` adds the robot's limit as its
     ``TimeLimit`` wrapper; and `render_mode` may be ``"rgb_array"``.
 
+    Attributes
+    ----------
+    table : ClassTable
+        One compiled model per damage class.
+    observation_space : gymnasium.spaces.Box
+        Unbounded, float32 [O]: the robot's observation, then the damage code if it is observed.
+    action_space : gymnasium.spaces.Box
+        From -1 to 1, float32 [A].
+
     Raises
     ------
     ConfigError
         If an argument is out of range or names a robot, class or reward that does not exist.
+    ShapeError
+        If the number of weights in `damage` is not that of the classes.
+    ClassTableError
+        If a damage class of the robot does not compile.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium declares it so)
@@ -123,6 +136,7 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         -------
         obs : array of shape [O]
         reward : float
+            Sum of the weighted terms of the chosen reward.
         terminated : bool
             The robot fell or its state is not finite.
         truncated : bool
@@ -160,6 +174,12 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return a picture of the robot, shape [height, width, 3], or None without a render mode.
 
         The first picture opens MuJoCo's offscreen renderer; without a display set ``MUJOCO_GL=egl``.
+        The damage class in force chooses the model that is drawn.
+
+        Raises
+        ------
+        SimulationError
+            If the env is closed.
         """
         self._check_open()
         if self.render_mode is None:
@@ -179,13 +199,36 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return picture
 
     def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return copies of the generalised positions [nq] and velocities [nv] (m, rad, s)."""
+        """Return the generalised positions [nq] (m, rad) and velocities [nv] (m/s, rad/s).
+
+        Raises
+        ------
+        SimulationError
+            If the env is closed.
+        """
         self._check_open()
         qpos, qvel = self._core.get_state()
         return qpos[0], qvel[0]
 
     def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Put the robot into the given state [nq], [nv], keep the episode, and return the observation [O]."""
+        """Put the robot into the given state, keep its episode, and return the observation [O].
+
+        Parameters
+        ----------
+        qpos : array of shape [nq]
+            In m and rad.
+        qvel : array of shape [nv]
+            In m/s and rad/s.
+
+        Raises
+        ------
+        ShapeError
+            If an array has another shape.
+        ConfigError
+            If the env was never reset.
+        SimulationError
+            If the env is closed.
+        """
         self._check_open()
         self._core.set_state(
             np.array(qpos, dtype=np.float64, ndmin=2), np.array(qvel, dtype=np.float64, ndmin=2)

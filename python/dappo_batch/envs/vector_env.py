@@ -69,11 +69,21 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
     ----------
     table : ClassTable
         One compiled model per damage class.
+    single_observation_space : gymnasium.spaces.Box
+        Unbounded, float32 [O]: the robot's observation, then the damage code if it is observed.
+    single_action_space : gymnasium.spaces.Box
+        From -1 to 1, float32 [A].
+    observation_space, action_space : gymnasium.spaces.Box
+        The same for all envs, [N, O] and [N, A].
 
     Raises
     ------
     ConfigError
         If an argument is out of range or names a robot, class or reward that does not exist.
+    ShapeError
+        If the number of seeds is not N, or that of the weights in `damage` not D.
+    ClassTableError
+        If a damage class of the robot does not compile.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium declares it so)
@@ -257,17 +267,47 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         )
 
     def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return copies of the generalised positions [N, nq] and velocities [N, nv] (m, rad, s)."""
+        """Return the generalised positions and velocities of all envs.
+
+        Returns
+        -------
+        qpos : array of shape [N, nq]
+            In m and rad, quaternions of free joints as (w, x, y, z).
+        qvel : array of shape [N, nv]
+            In m/s and rad/s.
+
+        Raises
+        ------
+        SimulationError
+            If the env is closed.
+        """
         self._check_open()
         return self._core.get_state()
 
     def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Put every env into the given state, keep its episode, and return the observation [N, O].
+        """Put every env into the given state and keep its episode.
+
+        As after a reset no contact force is carried over; the damage class and the step of the episode stay.
 
         Parameters
         ----------
         qpos : array of shape [N, nq]
+            In m and rad.
         qvel : array of shape [N, nv]
+            In m/s and rad/s.
+
+        Returns
+        -------
+        obs : array of shape [N, O]
+
+        Raises
+        ------
+        ShapeError
+            If an array has another shape.
+        ConfigError
+            If the env was never reset.
+        SimulationError
+            If the env is closed.
         """
         self._check_open()
         self._core.set_state(

@@ -57,16 +57,18 @@ pub fn evaluate_and_save(
 
 /// Prints the per-class table.
 pub fn show(evaluation: &Evaluation) {
+    let width = evaluation.classes.iter().map(|class| class.name.len()).max().unwrap_or(0).max("name".len());
     console::print_line(&format!(
-        "{:>5}  {:<36} {:<7} {:>14} {:>8} {:>8} {:>6}",
-        "class", "name", "group", "forward reward", "± s.e.", "length", "falls"
+        "class  {:<width$}  {:<8} {:>14} {:>8} {:>8} {:>7}",
+        "name", "group", "forward reward", "± s.e.", "length", "falls"
     ));
     for c in &evaluation.classes {
         let error =
             if c.standard_error.is_nan() { "–".to_owned() } else { format!("{:.1}", c.standard_error) };
+        let falls = format!("{}/{}", c.falls, c.episodes);
         console::print_line(&format!(
-            "{:>5}  {:<36} {:<7} {:>14.1} {error:>8} {:>8.0} {:>3}/{}",
-            c.class, c.name, c.group, c.forward_reward, c.episode_length, c.falls, c.episodes
+            "{:>5}  {:<width$}  {:<8} {:>14.1} {error:>8} {:>8.0} {falls:>7}",
+            c.class, c.name, c.group, c.forward_reward, c.episode_length
         ));
     }
     console::print_line(&format!(

@@ -15,7 +15,7 @@ use super::matmul::{Matrix, matmul};
 /// fixed, so that the result does not depend on the number of threads.
 const PARTITIONS: usize = 16;
 /// Blocks have between this many rows …
-const MIN_BLOCK: usize = 128;
+const MIN_BLOCK: usize = 64;
 /// … and this many: activations of a 100-200-100 net then fit into a core's cache.
 const MAX_BLOCK: usize = 256;
 

@@ -1,0 +1,170 @@
+"""Checkpoints that cannot be used: refused by name, and nothing is touched."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from .command_line import ITERATION, TINY, dappo_batch, files
+
+NEWEST = Path("checkpoints") / "00000004"
+
+_MANY = """
+import json, sys
+from dappo_batch._core import run_cli
+for arguments in json.loads(sys.argv[1]):
+    code = run_cli(arguments)
+    print(f"code {code}", file=sys.stderr, flush=True)
+"""
+
+
+def truncate(run: Path) -> None:
+    path = run / NEWEST / "policy.bpk"
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flip(name: str) -> Callable[[Path], None]:
+    def apply(run: Path) -> None:
+        path = run / NEWEST / name
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 0x10
+        path.write_bytes(data)
+
+    return apply
+
+
+def cut_manifest(run: Path) -> None:
+    path = run / NEWEST / "manifest.json"
+    path.write_text(path.read_text()[:60])
+
+
+def edit_manifest(key: str, value: str) -> Callable[[Path], None]:
+    def apply(run: Path) -> None:
+        path = run / NEWEST / "manifest.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+
+    return apply
+
+
+def remove(name: str) -> Callable[[Path], None]:
+    return lambda run: (run / NEWEST / name).unlink()
+
+
+def edit_config(old: str, new: str) -> Callable[[Path], None]:
+    """Make the configuration that of another run, as if the checkpoint had been copied into it."""
+
+    def apply(run: Path) -> None:
+        path = run / "config.toml"
+        text = path.read_text()
+        assert text.count(old) == 1
+        path.write_text(text.replace(old, new))
+
+    return apply
+
+
+# What is done to the run, the file that the message must name, and what it must say.
+CASES: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "truncated weights": (truncate, "00000004/policy.bpk", "expected"),
+    "a bit flipped in the weights": (flip("value.bpk"), "00000004/value.bpk", "CRC-32"),
+    "a bit flipped in the envs": (flip("envs.bin"), "00000004/envs.bin", "CRC-32"),
+    "a bit flipped in the learner": (flip("learner.toml"), "00000004/learner.toml", "CRC-32"),
+    "a file missing": (remove("policy_adam.bpk"), "00000004/policy_adam.bpk", "cannot be read"),
+    "no manifest": (remove("manifest.json"), "00000004/manifest.json", "this is no checkpoint"),
+    "a truncated manifest": (cut_manifest, "00000004/manifest.json", "truncated or foreign"),
+    "another format": (edit_manifest("format", "other 9"), "00000004/manifest.json", "`other 9`, expected `"),
+    "another robot": (
+        edit_config('robot = "ant"', 'robot = "hexapod"'),
+        "00000004/manifest.json",
+        "belongs to robot `ant`, expected `hexapod`",
+    ),
+    "an unaware policy": (
+        edit_config("observe_damage = true", "observe_damage = false"),
+        "00000004",
+        "length of an observation is 119, expected 111",
+    ),
+    "other networks": (
+        edit_config("hidden = [8]", "hidden = [9]"),
+        "00000004/learner.toml",
+        "[8], expected [9]",
+    ),
+    "another number of envs": (
+        edit_config("num_envs = 4", "num_envs = 5"),
+        "00000004",
+        "has 4 entries, expected 5",
+    ),
+    "no checkpoint left": (
+        lambda run: shutil.rmtree(run / "checkpoints"),
+        "checkpoints",
+        "holds no checkpoint",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train once."""
+    run = tmp_path_factory.mktemp("checkpoints") / "run"
+    dappo_batch("train", "--run", run, "--steps", str(4 * ITERATION), *TINY)
+    return run
+
+
+@pytest.fixture(scope="module")
+def refusals(run: Path) -> dict[str, tuple[int, str, bool]]:
+    """Resume a copy of the run for each case, all in one process.
+
+    A case gives the exit code, the message, and whether a file has changed.
+    """
+    copies = {name: run.with_name(f"copy{index}") for index, name in enumerate(CASES)}
+    before = {}
+    for name, copy in copies.items():
+        shutil.copytree(run, copy)
+        CASES[name][0](copy)
+        before[name] = files(copy)
+    commands = [
+        ["train", "--resume", str(copy), "--steps", str(8 * ITERATION), "--json"] for copy in copies.values()
+    ]
+    program = [sys.executable, "-c", _MANY, json.dumps(commands)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=True)
+    results = {}
+    text = done.stderr
+    for name, copy in copies.items():
+        message, _, text = text.partition("code ")
+        code, _, text = text.partition("\n")
+        results[name] = (int(code), message, files(copy) != before[name])
+    return results
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_checkpoint_that_cannot_be_used_is_refused_by_name(
+    name: str, refusals: dict[str, tuple[int, str, bool]]
+) -> None:
+    code, message, changed = refusals[name]
+    _, file, reason = CASES[name]
+    assert code == 1, message
+    assert message.startswith("error: ")
+    assert file in message
+    assert reason in message
+    assert not changed, "a refused resume must leave the run folder as it is"
+
+
+def test_the_evaluation_refuses_a_damaged_checkpoint_too(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    flip("policy.bpk")(copy)
+    _, err = dappo_batch("evaluate", copy, code=1)
+    assert "policy.bpk" in err
+    assert "CRC-32" in err
+
+
+def test_removing_a_damaged_checkpoint_goes_on_from_the_one_before(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    shutil.rmtree(copy / NEWEST)
+    dappo_batch("train", "--resume", copy)
+    assert sorted(path.name for path in (copy / "checkpoints").iterdir()) == ["00000003", "00000004"]

@@ -1,0 +1,193 @@
+"""The command line: usage, help, configuration and evaluation."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import dappo_batch as package
+from dappo_batch._core import DamageSpace, run_cli
+
+from .command_line import ITERATION, TINY, dappo_batch
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train once."""
+    run = tmp_path_factory.mktemp("cli") / "run"
+    dappo_batch("train", "--run", run, "--steps", str(ITERATION), *TINY)
+    return run
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "classes", "config", "bench", "doctor"])
+def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_cli([command, "--help"]) == 0
+    out, err = capfd.readouterr()
+    assert "usage" in out.lower()
+    assert err == ""
+    assert run_cli(["--help"]) == 0
+    assert f"  {command} " in capfd.readouterr().out
+
+
+def test_the_version_is_that_of_the_package(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_cli(["--version"]) == 0
+    assert capfd.readouterr().out == f"dappo-batch {package.__version__}\n"
+
+
+# Arguments, exit code, and what the message must hold: what was wrong and what is expected.
+BAD_USAGE = [
+    ((), 2, ["Usage: dappo-batch"]),
+    (("fly",), 2, ["'fly'", "--help"]),
+    (("train", "--bogus"), 2, ["'--bogus'", "--help"]),
+    (("train", "--envs", "0"), 2, ["'0'", "--envs", "at least 1"]),
+    (("train", "--envs", "-3"), 2, ["'-3'", "--envs", "at least 1"]),
+    (("train", "--steps", "0"), 2, ["'0'", "--steps", "at least 1"]),
+    (("train", "--steps", "1e6"), 2, ["'1e6'", "--steps", "whole number"]),
+    (("train", "--seed", "-1"), 2, ["'-1'", "--seed", "at least 0"]),
+    (("train", "--threads", "0"), 2, ["'0'", "--threads", "at least 1"]),
+    (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "cpu"]),
+    (("train", "--physics", "verlet"), 2, ["'verlet'", "rk4", "euler"]),
+    (("train", "--resume", "somewhere", "--envs", "8"), 2, ["--resume", "--envs"]),
+    (("train", "--resume", "somewhere", "--backend", "mujoco"), 2, ["--resume", "--backend"]),
+    (("evaluate", "somewhere", "--episodes", "0"), 2, ["'0'", "--episodes", "at least 1"]),
+    (("evaluate",), 2, ["<RUN>"]),
+    (("train", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod", ".toml"]),
+    (("train", "--config", "nowhere.toml"), 1, ["nowhere.toml", "No such file"]),
+    (("train", "--set", "ppo.gama=0.9"), 1, ["`gama`", "`gamma`"]),
+    (("train", "--set", "sead=1"), 1, ["`sead`", "`seed`"]),
+    (("train", "--set", "seed=x"), 1, ['"x"', "`seed`"]),
+    (("train", "--set", "seed"), 1, ["`seed` is no assignment", "key=value"]),
+    (("train", "--set", "damage.severity=2"), 1, ["`damage.severity` is 2", "at most 1"]),
+    (("train", "--set", "total_steps=0"), 1, ["`total_steps` is 0", "at least 1"]),
+    (("train", "--set", "ppo.preset=papre"), 1, ["papre", "paper", "batch"]),
+    (("train", "--set", "damage.max_damaged_limbs=5"), 1, ["5", "4 limbs"]),
+    (("train", "--reward", "gold"), 1, ["`gold`", "gym", "paper"]),
+    (
+        ("train", "--set", "curriculum=[{name='a',mix='healthy'},{name='b',mix='jam@0'}]"),
+        1,
+        ["`jam@0`", "jammed_joint"],
+    ),
+    (("train", "--resume", "nowhere"), 1, ["nowhere is no run folder", "config.toml", "`dappo-batch train`"]),
+    (("evaluate", "nowhere"), 1, ["nowhere is no run folder", "config.toml"]),
+    (("classes", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod"]),
+    (("classes", "--types", "rust"), 1, ["`rust`", "jammed_joint"]),
+    (("classes", "--max-damaged-limbs", "5"), 1, ["5", "4 limbs"]),
+    (("config", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "parts"), BAD_USAGE, ids=lambda value: str(value)[:60])
+def test_bad_usage_is_explained_and_makes_no_run(
+    arguments: tuple[str, ...],
+    code: int,
+    parts: list[str],
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_cli(list(arguments)) == code
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    for part in parts:
+        assert part in err
+    assert list(tmp_path.iterdir()) == [], "a run that cannot begin must leave nothing behind"
+
+
+def test_a_folder_that_holds_a_run_is_not_overwritten(run: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    before = (run / "config.toml").read_bytes()
+    assert run_cli(["train", "--run", str(run), *TINY]) == 1
+    err = capfd.readouterr().err
+    assert f"{run} already holds a run" in err
+    assert "--resume" in err
+    assert (run / "config.toml").read_bytes() == before
+
+
+def test_a_run_folder_that_cannot_be_made_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert run_cli(["train", "--run", str(tmp_path / "file" / "run"), *TINY]) == 1
+    assert str(tmp_path / "file" / "run") in capfd.readouterr().err
+    assert run_cli(["train", "--run", str(tmp_path / "file"), *TINY]) == 1
+    assert str(tmp_path / "file") in capfd.readouterr().err
+
+
+def test_the_exit_code_leaves_the_process() -> None:
+    _, err = dappo_batch("evaluate", "nowhere", code=1)
+    assert err.startswith("error: nowhere is no run folder")
+    script = Path(sys.executable).with_name("dappo-batch")
+    done = subprocess.run([script, "fly"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+
+
+def config(capfd: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+    assert run_cli(["config", *arguments]) == 0
+    return tomllib.loads(capfd.readouterr().out)
+
+
+def test_later_sources_of_a_setting_win(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 1\ntotal_steps = 1000\n[env]\nnum_envs = 8\n")
+    found = config(capfd, "--config", str(file), "--seed", "2", "--steps", "2000", "--set", "seed=3")
+    assert (found["seed"], found["total_steps"]) == (3, 2000)
+    env = found["env"]
+    assert isinstance(env, dict)
+    assert (env["num_envs"], env["observe_damage"]) == (8, True)
+
+
+@pytest.mark.parametrize("robot", ["ant", "hexapod"])
+def test_the_shipped_configurations_are_what_they_say(robot: str, capfd: pytest.CaptureFixture[str]) -> None:
+    own = config(capfd, "--robot", robot)
+    assert own["robot"] == robot
+    assert config(capfd, "--config", str(CONFIGS / f"{robot}.toml")) == own
+    unaware = config(capfd, "--config", str(CONFIGS / f"{robot}_unaware.toml"))
+    assert unaware == config(capfd, "--robot", robot, "--unaware")
+    assert isinstance(own["env"], dict)
+    assert unaware == {**own, "env": {**own["env"], "observe_damage": False}}
+
+
+def test_the_hexapod_learns_in_the_four_stages_of_the_paper(capfd: pytest.CaptureFixture[str]) -> None:
+    stages = config(capfd, "--robot", "hexapod")["curriculum"]
+    assert isinstance(stages, list)
+    # Verma et al. (2019): healthy; 60/40; 70 % healthy and single (42 + 28, our split) and 30 %; all classes.
+    strata = ("healthy", "single", "multiple")
+    found = [s["mix"] if isinstance(s["mix"], str) else [s["mix"][name] for name in strata] for s in stages]
+    assert found == ["healthy", [0.6, 0.4, 0.0], [0.42, 0.28, 0.3], "uniform"]
+    assert {stage["budget"] for stage in stages} == {1.0}
+
+
+def test_the_expert_is_trained_on_the_healthy_robot_alone(capfd: pytest.CaptureFixture[str]) -> None:
+    stages = config(capfd, "--robot", "hexapod", "--healthy")["curriculum"]
+    assert stages == [{"name": "healthy", "budget": 1.0, "mix": "healthy"}]
+
+
+def test_the_smoke_configuration_trains(tmp_path: Path) -> None:
+    out, _ = dappo_batch("train", "--config", CONFIGS / "smoke.toml", "--run", tmp_path / "run", "--json")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert [line["iteration"] for line in lines] == list(range(1, 9))
+    assert {line["stage"] for line in lines} == {"healthy", "all"}
+    assert (tmp_path / "run" / "eval" / "per_class.csv").exists()
+
+
+def test_an_evaluation_is_a_function_of_its_seed(run: Path) -> None:
+    first, _ = dappo_batch("evaluate", run, "--episodes", "2", "--json")
+    again, _ = dappo_batch("evaluate", run, "--episodes", "2", "--json", "--threads", "2")
+    other, _ = dappo_batch("evaluate", run, "--episodes", "2", "--json", "--seed", "7")
+    assert first == again
+    assert first != other
+    classes = json.loads(first)["classes"]
+    expected = DamageSpace(4, ["jammed_joint", "missing_toe"], 1).classes
+    assert [(c["class"], c["name"], c["group"]) for c in classes] == [
+        (c.id, c.name, c.group) for c in expected
+    ]
+    assert all(c["episodes"] == 2 and c["standard_error"] >= 0 for c in classes)
+    table = (run / "eval" / "per_class.csv").read_text().splitlines()
+    assert len(table) == 1 + len(expected)

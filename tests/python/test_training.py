@@ -1,0 +1,252 @@
+"""`dappo-batch train`: what a run leaves behind, and that stopping it at any moment changes nothing."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import random
+import shutil
+import signal
+import struct
+import subprocess
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from dappo_batch._core import DamageSpace
+
+from .burnpack import checkpoint_contents
+from .command_line import ITERATION, TINY, dappo_batch, metrics, read_lines, start
+
+STEPS = 8 * ITERATION
+METRICS = (
+    *("iteration", "env_steps", "forward_reward", "episode_return", "episode_length", "policy_loss"),
+    *("value_loss", "kl", "kl_coef", "learning_rate", "entropy", "explained_variance", "stage"),
+    *("rollout_seconds", "update_seconds"),
+)
+
+
+def assert_same_result(run: Path, expected: Path) -> None:
+    """Compare metrics and newest checkpoints of two runs bit for bit."""
+    assert metrics(run) == metrics(expected)
+    newest, other = (max((folder / "checkpoints").glob("0*")) for folder in (run, expected))
+    assert newest.name == other.name
+    assert checkpoint_contents(newest) == checkpoint_contents(other)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
+    """Train once, unbroken: the run folder and what the command printed."""
+    run = tmp_path_factory.mktemp("finished") / "run"
+    return run, *dappo_batch("train", "--run", run, "--steps", str(STEPS), *TINY)
+
+
+def test_a_run_folder_holds_everything_that_is_promised(finished: tuple[Path, str, str]) -> None:
+    run, _, _ = finished
+    assert {path.name for path in run.iterdir()} == {
+        *("config.toml", "meta.json", "metrics.jsonl", "checkpoints", "eval"),
+    }
+    assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["00000006", "00000008"]
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [line["iteration"] for line in lines] == list(range(1, 9))
+    assert [line["env_steps"] for line in lines] == [ITERATION * number for number in range(1, 9)]
+    assert all(set(METRICS) <= line.keys() for line in lines)
+    meta = json.loads((run / "meta.json").read_text())
+    assert meta["command"][:2] == ["dappo-batch", "train"]
+    assert {"version", "mujoco", "backend", "physics", "reward", "threads", "platform"} < meta.keys()
+
+
+def test_the_evaluation_has_a_row_for_every_class_in_canonical_order(finished: tuple[Path, str, str]) -> None:
+    run, out, _ = finished
+    with (run / "eval" / "per_class.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    classes = DamageSpace(4, ["jammed_joint", "missing_toe"], 1).classes
+    assert [(int(row["class"]), row["name"], row["group"]) for row in rows] == [
+        (damage.id, damage.name, damage.group) for damage in classes
+    ]
+    assert all(float(row["episode_length"]) <= 20 and row["episodes"] == "1" for row in rows)
+    table = out.splitlines()
+    assert [line.split()[1] for line in table[1:10]] == [damage.name for damage in classes]
+    assert table[-1] == f"run folder: {run}"
+
+
+def test_the_configuration_of_a_run_reads_back_as_itself(finished: tuple[Path, str, str]) -> None:
+    config = finished[0] / "config.toml"
+    out, _ = dappo_batch("config", "--config", config)
+    assert out == config.read_text()
+    read = tomllib.loads(out)
+    assert (read["total_steps"], read["env"]["num_envs"], read["ppo"]["hidden"]) == (STEPS, 4, [8])
+
+
+def test_results_depend_neither_on_threads_nor_on_the_output(
+    finished: tuple[Path, str, str], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    settings = ("--steps", str(STEPS), *TINY, "env.threads=2")
+    out, _ = dappo_batch("train", "--json", "--run", run, *settings)
+    assert read_lines(out) == metrics(run)
+    assert tomllib.loads((run / "config.toml").read_text())["env"]["threads"] == 2
+    assert_same_result(run, finished[0])
+    assert (run / "eval/per_class.csv").read_bytes() == (finished[0] / "eval/per_class.csv").read_bytes()
+
+
+def test_half_a_run_and_its_extension_equal_a_whole_run(
+    finished: tuple[Path, str, str], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    # 5 iterations: the end of the first half is no multiple of checkpoint.every.
+    dappo_batch("train", "--run", run, "--steps", str(5 * ITERATION), *TINY)
+    dappo_batch("train", "--resume", run, "--steps", str(STEPS), "--threads", "2")
+    assert_same_result(run, finished[0])
+    assert (run / "config.toml").read_bytes() == (finished[0] / "config.toml").read_bytes()
+
+
+def test_a_run_that_was_stopped_before_its_first_checkpoint_begins_anew(
+    finished: tuple[Path, str, str], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    (run / "checkpoints" / ".new.tmp").mkdir(parents=True)
+    (run / "checkpoints" / ".new.tmp" / "policy.bpk").write_bytes(b"half")
+    shutil.copy(finished[0] / "config.toml", run)
+    dappo_batch("train", "--resume", run)
+    assert_same_result(run, finished[0])
+    assert not (run / "checkpoints" / ".new.tmp").exists()
+
+
+def wait_for(process: subprocess.Popen[str], run: Path, iterations: int) -> None:
+    """Wait until a run has done some iterations or has ended."""
+    path = run / "metrics.jsonl"
+    deadline = time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        if path.exists() and path.read_bytes().count(b"\n") >= iterations:
+            return
+        time.sleep(0.002)
+
+
+LONG = 60
+
+
+@pytest.fixture(scope="module")
+def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train for 60 iterations, unbroken."""
+    run = tmp_path_factory.mktemp("long") / "run"
+    dappo_batch("train", "--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1")
+    return run
+
+
+def test_kills_at_random_moments_leave_a_run_that_ends_the_same(long_run: Path, tmp_path: Path) -> None:
+    chance = random.Random(20)
+    run = tmp_path / "run"
+    first = ("--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1")
+    kills = 0
+    for begin in (1, 14, 28, 42):
+        # With a checkpoint every iteration, about a third of the time is spent in saving.
+        process = start("train", "--json", *(first if begin == 1 else ("--resume", run)))
+        wait_for(process, run, begin + chance.randrange(8))
+        time.sleep(chance.uniform(0, 0.02))
+        process.kill()
+        process.communicate()
+        kills += process.returncode == -signal.SIGKILL
+    assert kills >= 3, "the trainings ended before they could be killed"
+    dappo_batch("train", "--resume", run)
+    assert_same_result(run, long_run)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_saves_and_exits_with_130(number: int, long_run: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    settings = ("--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1000", "checkpoint.keep=2")
+    process = start("train", "--run", run, *settings)
+    wait_for(process, run, 3)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert f"--resume {run}" in err
+    assert "Traceback" not in err
+    done = len(metrics(run))
+    assert 3 <= done < LONG
+    assert max((run / "checkpoints").iterdir()).name == f"{done:08}"
+    if number == signal.SIGINT:
+        dappo_batch("train", "--resume", run)
+        assert_same_result(run, long_run)
+
+
+def test_a_second_signal_ends_the_program_at_once(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    # One iteration takes minutes.
+    settings = (*TINY, "env.num_envs=64", "horizon=100000", "env.max_episode_steps=1000")
+    process = start("train", "--run", run, "--steps", "6400000", *settings)
+    deadline = time.monotonic() + 60
+    while not (run / "checkpoints" / "00000000").exists():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=0.3)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=5)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+
+
+def damage_classes(checkpoint: Path) -> tuple[int, ...]:
+    """Read the damage classes in force from the env state, `envs.bin`."""
+    data = (checkpoint / "envs.bin").read_bytes()
+    magic, envs, row, _ = struct.unpack_from("<8sQQQ", data)
+    assert magic == b"DAPPOENV"
+    return struct.unpack_from(f"<{envs}Q", data, 32 + 8 * envs * row)
+
+
+def test_class_draws_follow_the_stages_and_the_stage_survives_a_resume(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    # An episode lasts one iteration, so that a new stage shows at the end of its first iteration.
+    curriculum = (
+        "curriculum=[{name='I healthy',mix='healthy'},{name='II single',mix={single=1.0}},"
+        "{name='III last',mix='missing_toe@3'}]"
+    )
+    stages = ("env.max_episode_steps=16", curriculum, "checkpoint.every=1", "checkpoint.keep=20")
+    dappo_batch("train", "--run", run, "--steps", str(9 * ITERATION), *TINY, *stages)
+    names = ["I healthy"] * 3 + ["II single"] * 3 + ["III last"] * 3
+    assert [line["stage"] for line in metrics(run)] == names
+    drawn = [damage_classes(run / "checkpoints" / f"{number:08}") for number in range(10)]
+    assert drawn[:4] == [(0, 0, 0, 0)] * 4
+    assert all(1 <= damage <= 8 for classes in drawn[4:7] for damage in classes)
+    assert len({damage for classes in drawn[4:7] for damage in classes}) > 1
+    assert drawn[7:] == [(8, 8, 8, 8)] * 3
+
+    resumed = tmp_path / "resumed"
+    shutil.copytree(run, resumed)
+    for number in (6, 7, 8, 9):
+        shutil.rmtree(resumed / "checkpoints" / f"{number:08}")
+    dappo_batch("train", "--resume", resumed)
+    assert_same_result(resumed, run)
+
+
+def test_an_unaware_policy_never_sees_the_damage_code(
+    finished: tuple[Path, str, str], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    dappo_batch("train", "--unaware", "--run", run, "--steps", str(ITERATION), *TINY)
+    learners = [
+        tomllib.loads((max((folder / "checkpoints").iterdir()) / "learner.toml").read_text())
+        for folder in (run, finished[0])
+    ]
+    assert [learner["obs_dim"] for learner in learners] == [111, 119]
+
+
+def test_a_robot_that_no_code_knows_is_trained_and_evaluated(tmp_path: Path) -> None:
+    shutil.copytree(Path(__file__).parent / "robots", tmp_path / "robots")
+    robot = Path("robots/tripod.toml")
+    run = tmp_path / "run"
+    dappo_batch("train", "--robot", robot, "--run", run, "--steps", str(ITERATION), *TINY, cwd=tmp_path)
+    learner = tomllib.loads((run / "checkpoints" / "00000001" / "learner.toml").read_text())
+    # 11 positions, 12 velocities, 3 touch signals and a damage code of 3 x 2; 6 actions.
+    assert (learner["obs_dim"], learner["action_dim"]) == (32, 6)
+    # From another working directory: the run knows where its robot file lies.
+    out, _ = dappo_batch("evaluate", run, "--json", cwd=Path(os.sep))
+    names = [entry["name"] for entry in json.loads(out)["classes"]]
+    assert names == [damage.name for damage in DamageSpace(3, ["missing_toe", "jammed_joint"], 1).classes]
