@@ -1,9 +1,9 @@
 """Read checkpoints for comparison.
 
 Two trainings of the same settings write the same numbers, but not the same bytes: burn names the parameters
-of a network by random ids. These appear in the records of networks and optimisers, and with them vary the order
-of the entries, the CRC-32 in the manifest and, rarely, a length. Here every id is replaced by the name of its
-parameter; everything else is compared bit for bit.
+of a network by random ids. These appear in the records of networks and optimisers, and with them vary the
+order of the entries, the CRC-32 in the manifest and, rarely, a length. Here every id is replaced by the name
+of its parameter; everything else is compared bit for bit.
 """
 
 from __future__ import annotations

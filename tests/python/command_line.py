@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,27 @@ def dappo_batch(*arguments: str | Path, code: int = 0, cwd: Path | None = None) 
     done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
     assert done.returncode == code, (command, done.returncode, done.stdout, done.stderr)
     return done.stdout, done.stderr
+
+
+_MANY = """
+import json, sys
+from dappo_batch._core import run_cli
+for arguments in json.loads(sys.argv[1]):
+    code = run_cli(arguments)
+    print(f"code {code}", flush=True)
+    print(f"code {code}", file=sys.stderr, flush=True)
+"""
+
+
+def dappo_batch_many(*commands: tuple[str | Path, ...]) -> list[tuple[int, str, str]]:
+    """Run commands one after the other in one process, to save its start; return codes, outputs, errors."""
+    arguments = json.dumps([list(map(str, command)) for command in commands])
+    program = [sys.executable, "-c", _MANY, arguments]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=True)
+    outputs, errors = (
+        re.split(r"^code (\d+)\n", text, flags=re.MULTILINE) for text in (done.stdout, done.stderr)
+    )
+    return [(int(outputs[2 * i + 1]), outputs[2 * i], errors[2 * i]) for i in range(len(commands))]
 
 
 def start(*arguments: str | Path) -> subprocess.Popen[str]:

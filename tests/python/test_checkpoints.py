@@ -4,24 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from .command_line import ITERATION, TINY, dappo_batch, files
+from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many, files
 
 NEWEST = Path("checkpoints") / "00000004"
-
-_MANY = """
-import json, sys
-from dappo_batch._core import run_cli
-for arguments in json.loads(sys.argv[1]):
-    code = run_cli(arguments)
-    print(f"code {code}", file=sys.stderr, flush=True)
-"""
 
 
 def truncate(run: Path) -> None:
@@ -126,18 +116,14 @@ def refusals(run: Path) -> dict[str, tuple[int, str, bool]]:
         shutil.copytree(run, copy)
         CASES[name][0](copy)
         before[name] = files(copy)
-    commands = [
-        ["train", "--resume", str(copy), "--steps", str(8 * ITERATION), "--json"] for copy in copies.values()
-    ]
-    program = [sys.executable, "-c", _MANY, json.dumps(commands)]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=True)
-    results = {}
-    text = done.stderr
-    for name, copy in copies.items():
-        message, _, text = text.partition("code ")
-        code, _, text = text.partition("\n")
-        results[name] = (int(code), message, files(copy) != before[name])
-    return results
+    steps = str(8 * ITERATION)
+    results = dappo_batch_many(
+        *(("train", "--resume", copy, "--steps", steps, "--json") for copy in copies.values())
+    )
+    return {
+        name: (code, err, files(copies[name]) != before[name])
+        for name, (code, _, err) in zip(copies, results, strict=True)
+    }
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -153,18 +139,18 @@ def test_a_checkpoint_that_cannot_be_used_is_refused_by_name(
     assert not changed, "a refused resume must leave the run folder as it is"
 
 
-def test_the_evaluation_refuses_a_damaged_checkpoint_too(run: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(run, copy)
-    flip("policy.bpk")(copy)
-    _, err = dappo_batch("evaluate", copy, code=1)
-    assert "policy.bpk" in err
-    assert "CRC-32" in err
-
-
-def test_removing_a_damaged_checkpoint_goes_on_from_the_one_before(run: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(run, copy)
-    shutil.rmtree(copy / NEWEST)
-    dappo_batch("train", "--resume", copy)
-    assert sorted(path.name for path in (copy / "checkpoints").iterdir()) == ["00000003", "00000004"]
+def test_the_evaluation_refuses_a_damaged_checkpoint_and_the_one_before_goes_on(
+    run: Path, tmp_path: Path
+) -> None:
+    damaged, earlier = tmp_path / "damaged", tmp_path / "earlier"
+    for copy in (damaged, earlier):
+        shutil.copytree(run, copy)
+    flip("policy.bpk")(damaged)
+    shutil.rmtree(earlier / NEWEST)
+    refused, resumed = dappo_batch_many(("evaluate", damaged), ("train", "--resume", earlier))
+    assert refused[0] == 1
+    assert "policy.bpk" in refused[2]
+    assert "CRC-32" in refused[2]
+    assert resumed[0] == 0
+    names = sorted(path.name for path in (earlier / "checkpoints").iterdir())
+    assert names == ["00000003", "00000004"]

@@ -126,31 +126,31 @@ def wait_for(process: subprocess.Popen[str], run: Path, iterations: int) -> None
         time.sleep(0.002)
 
 
-LONG = 60
+LONG = 30
 
 
 @pytest.fixture(scope="module")
 def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train for 60 iterations, unbroken."""
+    """Train for 30 iterations, unbroken."""
     run = tmp_path_factory.mktemp("long") / "run"
-    dappo_batch("train", "--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1")
+    dappo_batch("train", "--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=2")
     return run
 
 
 def test_kills_at_random_moments_leave_a_run_that_ends_the_same(long_run: Path, tmp_path: Path) -> None:
     chance = random.Random(20)
     run = tmp_path / "run"
-    first = ("--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1")
+    first = ("--run", run, "--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=2")
     kills = 0
-    for begin in (1, 14, 28, 42):
-        # With a checkpoint every iteration, about a third of the time is spent in saving.
+    for begin in (1, 9, 18):
+        # With a checkpoint every other iteration, much of the time is spent in saving.
         process = start("train", "--json", *(first if begin == 1 else ("--resume", run)))
-        wait_for(process, run, begin + chance.randrange(8))
+        wait_for(process, run, begin + chance.randrange(6))
         time.sleep(chance.uniform(0, 0.02))
         process.kill()
         process.communicate()
         kills += process.returncode == -signal.SIGKILL
-    assert kills >= 3, "the trainings ended before they could be killed"
+    assert kills >= 2, "the trainings ended before they could be killed"
     dappo_batch("train", "--resume", run)
     assert_same_result(run, long_run)
 

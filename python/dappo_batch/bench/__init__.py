@@ -143,7 +143,7 @@ def _enter(workload: Workload, progress: Callable[[str], None]) -> tuple[list[Co
         try:
             contenders.append(kind(workload))
         except Unavailable as reason:
-            missing.append(Missing(kind.key, str(reason), kind.install))
+            missing.append(Missing(kind.key, str(reason), reason.install))
     return contenders, missing
 
 
@@ -189,7 +189,7 @@ def _print_list(robot: str, as_json: bool) -> None:
             "about": kind.about,
             "available": kind.key not in absent,
             "reason": absent[kind.key].reason if kind.key in absent else "",
-            "install": kind.install,
+            "install": absent[kind.key].install if kind.key in absent else "",
         }
         for kind in CONTENDERS
     ]
@@ -197,7 +197,8 @@ def _print_list(robot: str, as_json: bool) -> None:
         print(json.dumps(rows, indent=2))
         return
     for row in rows:
-        remark = "" if row["available"] else f" [{row['reason']}; {row['install']}]"
+        cure = f"; to install it: {row['install']}" if row["install"] else ""
+        remark = "" if row["available"] else f" [{row['reason']}{cure}]"
         print(f"{row['key']:20} {row['about']}{remark}")
 
 

@@ -16,7 +16,19 @@ __all__ = ["Contender", "DappoBatch", "MujocoBatch", "MujocoRollout", "RawStep",
 
 
 class Unavailable(Exception):
-    """A contender cannot run here; the text says why."""
+    """A contender cannot run here; the text says why.
+
+    Parameters
+    ----------
+    reason : str
+        What is in the way.
+    install : str
+        Command that would change it, empty if none does.
+    """
+
+    def __init__(self, reason: str, install: str = "") -> None:
+        super().__init__(reason)
+        self.install = install
 
 
 class Contender:
@@ -28,8 +40,6 @@ class Contender:
         Name in tables and JSON.
     about : str
         What it does in an env step.
-    install : str
-        Command that makes it available, empty if it always is.
     num_envs : int
         Environments it advances.
     note : str
@@ -38,7 +48,6 @@ class Contender:
 
     key: ClassVar[str]
     about: ClassVar[str]
-    install: ClassVar[str] = ""
     num_envs: int
     note: str = ""
 
@@ -215,13 +224,13 @@ class MujocoBatch(Contender):
 
     key = "mujoco.batch"
     about = "the stock model, Batch.step; no observation, no reward"
-    install = "pip install 'mujoco>=4.0'"
 
     def __init__(self, workload: Workload) -> None:
         try:
             from mujoco import batch
         except ImportError:
-            raise Unavailable(f"mujoco {mujoco.__version__} has no mujoco.batch") from None
+            reason = f"mujoco {mujoco.__version__} has no mujoco.batch"
+            raise Unavailable(reason, "pip install 'mujoco>=4.0'") from None
         self._workload = workload
         self.num_envs = workload.num_envs
         self._batch = batch.Batch(workload.model, self.num_envs, workload.threads)

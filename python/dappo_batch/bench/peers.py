@@ -30,7 +30,6 @@ class GymnasiumAnt(Contender):
 
     key = "gymnasium"
     about = f"SyncVectorEnv of {_ENV_ID}: one thread; observation, reward, reset"
-    install = "pip install 'gymnasium[mujoco]'"
     _MOST = 32  # its cost an env step does not depend on their number, but each env loads the model anew
 
     def __init__(self, workload: Workload) -> None:
@@ -41,7 +40,8 @@ class GymnasiumAnt(Contender):
                 [lambda: gymnasium.make(_ENV_ID) for _ in range(self.num_envs)]
             )
         except (ImportError, gymnasium.error.Error) as error:
-            raise Unavailable(f"gymnasium cannot make {_ENV_ID}: {error}") from error
+            reason = f"gymnasium cannot make {_ENV_ID}: {error}"
+            raise Unavailable(reason, "pip install 'gymnasium[mujoco]'") from error
         self.note = f"gymnasium {gymnasium.__version__}, {self.num_envs} envs"
         self._actions = workload.actions(self.num_envs)
         self._envs.reset(seed=workload.seed)
@@ -64,14 +64,13 @@ class EnvPoolAnt(Contender):
 
     key = "envpool"
     about = f"EnvPool {_ENV_ID}, synchronous: observation, reward, reset"
-    install = "pip install envpool"
     _MOST = 256  # one mjData an env: more envs than this cost it cache misses, not threads
     _SETTLING_STEPS = 40  # it cannot be put into a state, so its robots must fall to the floor by themselves
 
     def __init__(self, workload: Workload) -> None:
         _require_ant(workload, "EnvPool")
         if importlib.util.find_spec("envpool") is None:
-            raise Unavailable("envpool is not installed")
+            raise Unavailable("envpool is not installed", "pip install envpool")
         self.num_envs = min(workload.num_envs, self._MOST)
         try:
             envpool = importlib.import_module("envpool")

@@ -141,3 +141,65 @@ impl ActorCritic {
 pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
     tensor.into_data().try_into_vec().map_err(|error| LearnError::Tensor { message: format!("{error:?}") })
 }
+
+#[cfg(test)]
+mod tests {
+    use dappo_sim::rng::{Purpose, Stream};
+
+    use super::*;
+    use crate::ppo::loss::log_prob;
+
+    const OBS: [f32; 6] = [0.1, -0.4, 1.0, 2.0, 0.3, 0.0];
+    const NOISE: [f32; 4] = [0.5, -1.0, 0.0, 2.0];
+
+    fn networks() -> (ActorCritic, Normalizer) {
+        let mut stream = Stream::new(5, 0, Purpose::Weights);
+        let device = Device::flex().autodiff();
+        let networks = ActorCritic::new(3, &[8, 8], 2, -0.5, &mut || stream.normal(), &device);
+        let mut normalizer = Normalizer::new(3, 1).unwrap();
+        normalizer.update(&[0.0, 1.0, 1.0, 3.0, 2.0, 0.0]).unwrap();
+        (networks, normalizer)
+    }
+
+    fn tensor(values: &[f32]) -> Tensor<2> {
+        Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / 2, 2]), &Device::flex())
+    }
+
+    #[test]
+    fn actions_are_means_plus_scaled_noise_with_the_density_that_the_loss_computes() {
+        let (networks, normalizer) = networks();
+        let decision = networks.act(&OBS, &normalizer, &NOISE).unwrap();
+        let std = (-0.5_f32).exp();
+        for ((action, mean), z) in decision.actions.iter().zip(&decision.means).zip(NOISE) {
+            assert!((action - mean - std * z).abs() < 1e-6);
+        }
+        let log_std = networks.policy.log_std.val().without_autodiff();
+        let expected = read(log_prob(tensor(&decision.actions), tensor(&decision.means), log_std)).unwrap();
+        for (got, expected) in decision.log_probs.iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-5, "{got}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn acting_agrees_with_the_mean_action_the_value_and_the_composed_net() {
+        let (networks, normalizer) = networks();
+        let decision = networks.act(&OBS, &normalizer, &[0.0; 4]).unwrap();
+        assert_eq!(decision.actions, decision.means);
+        assert_eq!(decision.means, networks.mean_actions(&OBS, &normalizer).unwrap());
+        assert_eq!(decision.values, networks.values(&OBS, &normalizer).unwrap());
+        let rows = TensorData::new(normalizer.apply(&OBS).unwrap(), [2, 3]);
+        let input = Tensor::from_data(rows, &Device::flex());
+        let composed = read(networks.value.valid().forward_composed(input)).unwrap();
+        for (got, expected) in decision.values.iter().zip(composed) {
+            assert!((got - expected).abs() < 1e-6, "{got}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn observations_of_another_length_and_too_little_noise_are_refused() {
+        let (networks, normalizer) = networks();
+        assert!(networks.act(&OBS, &normalizer, &NOISE[..2]).is_err());
+        assert!(networks.act(&OBS[..5], &normalizer, &NOISE[..2]).is_err());
+        assert!(networks.act(&OBS, &Normalizer::new(4, 1).unwrap(), &NOISE).is_err());
+    }
+}
