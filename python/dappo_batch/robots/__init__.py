@@ -14,12 +14,17 @@ from typing import Any
 
 from dappo_batch._core import ConfigError
 
-__all__ = ["ROBOTS", "Limb", "Robot", "load_robot"]
+__all__ = ["DEFAULT_ROBOT", "ROBOTS", "Limb", "Robot", "built_in_config", "load_robot"]
 
 _FOLDER = Path(__file__).resolve().parent
 
 ROBOTS: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the robots that come with the package."""
+
+DEFAULT_ROBOT = "ant"
+"""The robot that commands use when none is named."""
+
+_CONFIGS = _FOLDER.parent / "configs"
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,25 @@ class Robot:
     def damage_options(self, damage_type: str) -> dict[str, Any]:
         """Return the parameters of a damage type, a copy of the table ``[damage.<damage_type>]``."""
         return dict(self.spec["damage"].get(damage_type, {}))
+
+
+def built_in_config(robot: str | None = None) -> tuple[str, str] | None:
+    """Read the training configuration that comes with a robot.
+
+    Parameters
+    ----------
+    robot : str, optional
+        Name of the robot, by default `DEFAULT_ROBOT`.
+
+    Returns
+    -------
+    tuple of str or None
+        File name and TOML text; None for a robot that comes without one.
+    """
+    path = _CONFIGS / f"{robot or DEFAULT_ROBOT}.toml"
+    if robot is not None and robot not in ROBOTS:
+        return None
+    return (f"configs/{path.name}", path.read_text(encoding="utf-8")) if path.is_file() else None
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

@@ -13,10 +13,10 @@ use dappo_sim::VectorEnv;
 use serde::{Deserialize, Serialize};
 
 use crate::cpu;
+use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
+use crate::files::{io, write_synced};
 use crate::ppo::{Ppo, PpoConfig};
-use crate::run_folder::{io, write_synced};
-use crate::train::EpisodeTracker;
 
 pub use env_state::EnvState;
 

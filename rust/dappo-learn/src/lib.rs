@@ -14,8 +14,10 @@
 pub mod checkpoint;
 pub mod config;
 pub mod envs;
+pub mod episodes;
 pub mod error;
 pub mod evaluate;
+mod files;
 pub mod gae;
 pub mod metrics;
 pub mod nn;

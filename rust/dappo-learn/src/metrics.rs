@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
+use crate::episodes::EpisodeSummary;
 use crate::ppo::PpoLosses;
-use crate::train::EpisodeSummary;
 
 /// The metrics of one iteration.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -1,14 +1,14 @@
 //! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::checkpoint::Checkpoint;
 use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
+use crate::files::{io, write_atomically};
 use crate::metrics::Metrics;
 
 /// The folder of one training run.
@@ -105,9 +105,10 @@ impl RunFolder {
         write_atomically(&self.config_path(), Config { total_steps, ..config }.to_toml()?.as_bytes())
     }
 
-    /// Whether nothing has been saved yet: the run was stopped before its first checkpoint.
-    pub fn is_fresh(&self) -> Result<bool> {
-        Ok(!self.metrics_path().exists() && !Checkpoint::any(&self.checkpoints())?)
+    /// Whether an iteration has been reported.
+    #[must_use]
+    pub fn has_metrics(&self) -> bool {
+        self.metrics_path().exists()
     }
 
     fn write_meta(&self, meta: &Meta) -> Result<()> {
@@ -124,7 +125,9 @@ impl RunFolder {
             serde_json::to_string(metrics).map_err(|error| LearnError::Invalid(error.to_string()))?;
         line.push('\n');
         let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(io(&path))?;
-        file.write_all(line.as_bytes()).map_err(io(&path))
+        file.write_all(line.as_bytes()).map_err(io(&path))?;
+        // A checkpoint must not outlive the lines that led to it.
+        file.sync_data().map_err(io(&path))
     }
 
     /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run goes on from there.
@@ -143,27 +146,4 @@ impl RunFolder {
         let kept: String = text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect();
         write_atomically(&path, kept.as_bytes())
     }
-}
-
-/// Turns an I/O error into one that names the file.
-pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> LearnError {
-    let path = path.to_owned();
-    move |source| LearnError::Io { path, source }
-}
-
-/// Writes a file under a temporary name, syncs it and renames it, so that a kill leaves the old or the new file.
-pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<()> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).map_err(io(folder))?;
-    }
-    let temporary = path.with_extension("tmp");
-    write_synced(&temporary, bytes)?;
-    fs::rename(&temporary, path).map_err(io(path))
-}
-
-/// Writes a file and waits until it is on the disk.
-pub(crate) fn write_synced(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut file = File::create(path).map_err(io(path))?;
-    file.write_all(bytes).map_err(io(path))?;
-    file.sync_all().map_err(io(path))
 }

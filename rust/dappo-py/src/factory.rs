@@ -68,9 +68,10 @@ impl EnvFactory for TableFactory {
 
     fn make(&self, config: VectorEnvConfig, reward: Option<&str>) -> Result<VectorEnv, SimError> {
         let backend = Python::attach(|py| {
-            ClassTable::read(self.table.bind(py))?.mujoco_backend(reward, config.keys.len(), self.threads)
-        });
-        let backend = backend.map_err(|error| SimError::Config(error.to_string()))?;
+            ClassTable::read(self.table.bind(py))
+                .and_then(|table| table.mujoco_backend(reward, config.keys.len(), self.threads))
+                .map_err(|error| SimError::Config(error.value(py).to_string()))
+        })?;
         VectorEnv::new(backend, &self.space, config)
     }
 }

@@ -8,9 +8,9 @@ use std::path::Path;
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 
+use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
-use crate::run_folder::{io, write_synced};
-use crate::train::EpisodeTracker;
+use crate::files::{io, write_synced};
 
 const FILE: &str = "envs.bin";
 /// "DAPPOENV" in little-endian order.

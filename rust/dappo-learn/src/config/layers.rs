@@ -4,12 +4,6 @@ use super::Config;
 use crate::error::LearnError;
 use crate::ppo::PpoConfig;
 
-/// The configuration files that come with the program, one a robot.
-const BUILT_IN: [(&str, &str); 2] = [
-    ("ant", include_str!("../../../../configs/ant.toml")),
-    ("hexapod", include_str!("../../../../configs/hexapod.toml")),
-];
-
 /// TOML tables laid over one another; later layers win key by key.
 #[derive(Debug, Clone, Default)]
 pub struct Layers {
@@ -17,15 +11,6 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// The file that comes with the program for this robot; nothing for other robots.
-    pub fn built_in(robot: &str) -> Result<Self, LearnError> {
-        let mut layers = Self::default();
-        if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| *name == robot) {
-            layers.add_toml(text, &format!("configs/{name}.toml"))?;
-        }
-        Ok(layers)
-    }
-
     /// Lays a TOML text over what is there; `source` names it in errors.
     pub fn add_toml(&mut self, text: &str, source: &str) -> Result<(), LearnError> {
         let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
@@ -68,12 +53,6 @@ impl Layers {
             .ok()
             .and_then(|mut table| table.remove("value"));
         self.set(key.trim(), parsed.unwrap_or_else(|| toml::Value::String(value.trim().to_owned())))
-    }
-
-    /// The robot that the layers name, if any.
-    #[must_use]
-    pub fn robot(&self) -> Option<&str> {
-        self.table.get("robot").and_then(toml::Value::as_str)
     }
 
     /// The typed and checked configuration. `ppo.preset` chooses the values that `[ppo]` does not give, and
@@ -123,10 +102,17 @@ fn merge(base: &mut toml::Table, over: toml::Table) {
 mod tests {
     use super::*;
 
+    /// Layers with the one key that has no default, and `text` over it.
+    fn toy(text: &str) -> Layers {
+        let mut layers = Layers::default();
+        layers.set("robot", "toy").unwrap();
+        layers.add_toml(text, "test").unwrap();
+        layers
+    }
+
     #[test]
     fn later_layers_win_key_by_key() {
-        let mut layers = Layers::default();
-        layers.add_toml("seed = 1\n[env]\nnum_envs = 8\nreward = 'gym'", "a").unwrap();
+        let mut layers = toy("seed = 1\n[env]\nnum_envs = 8\nreward = 'gym'");
         layers.add_toml("[env]\nnum_envs = 16", "b").unwrap();
         layers.set_assignment("ppo.gamma=0.99").unwrap();
         layers.set_assignment("env.physics=euler").unwrap();
@@ -139,8 +125,10 @@ mod tests {
 
     #[test]
     fn the_resolved_configuration_reads_back_as_itself() {
-        for robot in ["ant", "hexapod", "somebody_elses"] {
-            let config = Layers::built_in(robot).unwrap().resolve().unwrap();
+        let ant = include_str!("../../../../configs/ant.toml");
+        let hexapod = include_str!("../../../../configs/hexapod.toml");
+        for text in [ant, hexapod, ""] {
+            let config = toy(text).resolve().unwrap();
             let mut again = Layers::default();
             again.add_toml(&config.to_toml().unwrap(), "config.toml").unwrap();
             assert_eq!(again.resolve().unwrap(), config);
@@ -149,11 +137,7 @@ mod tests {
 
     #[test]
     fn the_horizon_follows_from_the_number_of_envs_unless_it_is_given() {
-        let horizon = |text: &str| {
-            let mut layers = Layers::default();
-            layers.add_toml(text, "test").unwrap();
-            layers.resolve().unwrap().horizon
-        };
+        let horizon = |text: &str| toy(text).resolve().unwrap().horizon;
         assert_eq!(horizon("[env]\nnum_envs = 32"), 128);
         assert_eq!(horizon("[env]\nnum_envs = 4096"), 16);
         assert_eq!(horizon("[env]\nnum_envs = 1"), 512);
@@ -174,11 +158,10 @@ mod tests {
             ("[env]\nbackend = 'brax'", "brax"),
             ("seed = 'one'", "seed"),
         ] {
-            let mut layers = Layers::default();
-            layers.add_toml(text, "test").unwrap();
-            let message = layers.resolve().unwrap_err().to_string();
+            let message = toy(text).resolve().unwrap_err().to_string();
             assert!(message.contains(part), "{text} gave: {message}");
         }
+        assert!(Layers::default().resolve().unwrap_err().to_string().contains("`robot` is missing"));
         assert!(Layers::default().set_assignment("seed").is_err());
         assert!(Layers::default().set("", 1).is_err());
     }

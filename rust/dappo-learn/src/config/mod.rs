@@ -145,7 +145,7 @@ impl Default for EvaluationSection {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            robot: "ant".into(),
+            robot: String::new(),
             seed: 0,
             total_steps: 2_000_000,
             horizon: 128,
@@ -173,6 +173,9 @@ impl Config {
     /// Checks what types cannot express.
     pub fn check(&self) -> Result<(), LearnError> {
         let bad = |why: String| Err(LearnError::Invalid(why));
+        if self.robot.is_empty() {
+            return bad("`robot` is missing; name a built-in robot or a robot file".into());
+        }
         for (name, value) in [
             ("env.num_envs", self.env.num_envs),
             ("total_steps", self.total_steps as usize),

@@ -3,10 +3,10 @@
 use dappo_sim::VectorEnv;
 use dappo_sim::rng::{Purpose, Stream};
 
+use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
-use crate::train::EpisodeTracker;
 
 /// Runs the policy for `horizon` steps; `first_step` numbers them over the whole run, so that every
 /// (env, step) has exploration noise of its own.

@@ -1,14 +1,13 @@
 //! Training: collect, estimate, update, report — and what surrounds it.
 
 mod collect;
-mod episodes;
 mod session;
 
 use std::time::Instant;
 
 use dappo_sim::curriculum::stage_at;
 
-use crate::checkpoint::Progress;
+use crate::checkpoint::{Checkpoint, Progress};
 use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::Result;
@@ -18,7 +17,6 @@ use crate::ppo::Ppo;
 use crate::run_folder::RunFolder;
 
 pub use collect::collect;
-pub use episodes::{EpisodeSummary, EpisodeTracker};
 use session::Session;
 
 /// Whoever watches a training run.
@@ -50,7 +48,8 @@ pub fn train(
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
     let mut session = Session::new(config, factory)?;
-    if resume && !run.is_fresh()? {
+    let is_fresh = !run.has_metrics() && !Checkpoint::any(&run.checkpoints())?;
+    if resume && !is_fresh {
         session.load(run, config)?;
     } else {
         session.save(run)?;

@@ -7,11 +7,12 @@ use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
 use crate::cpu;
 use crate::envs::EnvFactory;
+use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 use crate::run_folder::RunFolder;
-use crate::train::{EpisodeTracker, collect};
+use crate::train::collect;
 
 pub(super) struct Session {
     pub env: VectorEnv,

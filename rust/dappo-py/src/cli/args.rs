@@ -43,7 +43,7 @@ fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
 /// Where a configuration comes from; later sources win.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
-    /// Built-in robot (ant, hexapod) or path of a robot file [default: ant]
+    /// Built-in robot or path of a robot file [default: the one of `dappo-batch config`]
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<String>,
     /// Configuration file instead of the robot's own in configs/
@@ -124,9 +124,9 @@ pub struct EvaluateArgs {
 /// Arguments of `classes`.
 #[derive(Debug, Args)]
 pub struct ClassesArgs {
-    /// Built-in robot or path of a robot file
-    #[arg(long, default_value = "ant", value_name = "NAME|FILE")]
-    pub robot: String,
+    /// Built-in robot or path of a robot file [default: the one of `dappo-batch config`]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<String>,
     /// Damage types, comma separated [default: the robot's]
     #[arg(long, value_delimiter = ',', value_name = "TYPES")]
     pub types: Option<Vec<String>>,

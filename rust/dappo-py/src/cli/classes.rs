@@ -9,7 +9,12 @@ use super::console;
 use crate::errors::{Kind, from_sim, raise};
 
 pub fn run(py: Python<'_>, arguments: &ClassesArgs) -> PyResult<i32> {
-    let robot = py.import("dappo_batch.robots")?.call_method1("load_robot", (&arguments.robot,))?;
+    let robots = py.import("dappo_batch.robots")?;
+    let name = match &arguments.robot {
+        Some(name) => name.clone(),
+        None => robots.getattr("DEFAULT_ROBOT")?.extract()?,
+    };
+    let robot = robots.call_method1("load_robot", (name,))?;
     let toml: String = robot.getattr("toml_text")?.extract()?;
     let robot = dappo_sim::Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
     let types = arguments.types.clone().unwrap_or_else(|| robot.damage.types.clone());

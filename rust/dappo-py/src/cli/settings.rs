@@ -10,8 +10,13 @@ use super::console;
 use crate::errors::{Kind, from_learn, raise};
 
 /// The resolved configuration of a new run.
-pub fn resolve(arguments: &ConfigArgs) -> PyResult<Config> {
-    let mut config = layers(arguments).and_then(Layers::resolve).map_err(|error| from_learn(&error))?;
+pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
+    let built_in = match &arguments.config {
+        Some(_) => None,
+        None => built_in(py, arguments.robot.as_deref())?,
+    };
+    let layers = layers(built_in, arguments).and_then(Layers::resolve);
+    let mut config = layers.map_err(|error| from_learn(&error))?;
     // The run folder must find its robot file from any working directory.
     if let Some(path) =
         Path::new(&config.robot).is_file().then(|| std::path::absolute(&config.robot).ok()).flatten()
@@ -21,14 +26,20 @@ pub fn resolve(arguments: &ConfigArgs) -> PyResult<Config> {
     Ok(config)
 }
 
-fn layers(arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {
+/// The configuration that comes with a robot, or with the default robot: its file name and text.
+fn built_in(py: Python<'_>, robot: Option<&str>) -> PyResult<Option<(String, String)>> {
+    py.import("dappo_batch.robots")?.call_method1("built_in_config", (robot,))?.extract()
+}
+
+fn layers(built_in: Option<(String, String)>, arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {
     let mut layers = Layers::default();
+    if let Some((name, text)) = built_in {
+        layers.add_toml(&text, &name)?;
+    }
     if let Some(path) = &arguments.config {
         let text = std::fs::read_to_string(path)
             .map_err(|source| dappo_learn::LearnError::Io { path: path.clone(), source })?;
         layers.add_toml(&text, &path.display().to_string())?;
-    } else {
-        layers = Layers::built_in(arguments.robot.as_deref().unwrap_or("ant"))?;
     }
     for (key, value) in [
         ("env.num_envs", arguments.envs),
@@ -64,7 +75,7 @@ fn layers(arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {
 
 /// `dappo-batch config`: prints the resolved configuration.
 pub fn print(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<i32> {
-    let config = resolve(arguments)?;
+    let config = resolve(py, arguments)?;
     // Loading the robot checks its name, so that a typing error shows here and not in the training.
     py.import("dappo_batch.robots")?.call_method1("load_robot", (&config.robot,))?;
     console::print(&config.to_toml().map_err(|error| raise(Kind::Config, error.to_string()))?);

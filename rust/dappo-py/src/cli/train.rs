@@ -23,7 +23,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
         let (run, config) = reopen(folder, arguments)?;
         (config, Some(run))
     } else {
-        (settings::resolve(&arguments.config)?, None)
+        (settings::resolve(py, &arguments.config)?, None)
     };
     let factory = TableFactory::compile(py, &config)?;
     let resume = resumed.is_some();

@@ -52,7 +52,7 @@ impl VectorEnv {
     /// Notes which episodes ended in this step; returns the envs that had ended before it.
     fn mark_ended(&mut self, pending: &[bool]) -> Vec<usize> {
         for (env, episode) in self.episodes.iter_mut().enumerate() {
-            episode.ended = self.buffers.terminated[env] || self.buffers.truncated[env];
+            episode.ended |= self.buffers.terminated[env] || self.buffers.truncated[env];
         }
         let before: Vec<usize> = (0..self.num_envs()).filter(|&env| pending[env]).collect();
         for &env in &before {

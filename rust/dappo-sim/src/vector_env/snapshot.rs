@@ -34,6 +34,14 @@ impl VectorEnv {
     pub fn restore(&mut self, snapshot: &VectorEnvSnapshot) -> Result<(), SimError> {
         expect_len("saved episodes", snapshot.episodes.len(), self.num_envs())?;
         expect_len("saved observations", snapshot.obs.len(), self.buffers.obs.len())?;
+        let classes = self.config.classes.len();
+        if let Some(episode) = snapshot.episodes.iter().find(|episode| episode[3] >= classes as u64) {
+            return Err(SimError::Snapshot(format!(
+                "an episode has damage class {}, the classes are 0 to {}",
+                episode[3],
+                classes - 1
+            )));
+        }
         self.backend.restore(&snapshot.backend)?;
         self.buffers.obs.copy_from_slice(&snapshot.obs);
         for (env, &[key, number, step, class, onset, ended]) in snapshot.episodes.iter().enumerate() {
