@@ -11,12 +11,19 @@ use crate::errors::{Kind, from_learn, raise};
 
 /// The resolved configuration of a new run.
 pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
-    let built_in = match &arguments.config {
-        Some(_) => None,
-        None => built_in(py, arguments.robot.as_deref())?,
-    };
-    let layers = layers(built_in, arguments).and_then(Layers::resolve);
-    let mut config = layers.map_err(|error| from_learn(&error))?;
+    let robots = py.import("dappo_batch.robots")?;
+    let mut layers = Layers::default();
+    let default: String = robots.getattr("DEFAULT_ROBOT")?.extract()?;
+    layers.set("robot", default).map_err(|error| from_learn(&error))?;
+    if arguments.config.is_none() {
+        // The configuration that comes with the robot: its file name and text.
+        let built_in = robots.call_method1("built_in_config", (arguments.robot.as_deref(),))?;
+        if let Some((name, text)) = built_in.extract::<Option<(String, String)>>()? {
+            layers.add_toml(&text, &name).map_err(|error| from_learn(&error))?;
+        }
+    }
+    add_arguments(&mut layers, arguments).map_err(|error| from_learn(&error))?;
+    let mut config = layers.resolve().map_err(|error| from_learn(&error))?;
     // The run folder must find its robot file from any working directory.
     if let Some(path) =
         Path::new(&config.robot).is_file().then(|| std::path::absolute(&config.robot).ok()).flatten()
@@ -26,16 +33,8 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
     Ok(config)
 }
 
-/// The configuration that comes with a robot, or with the default robot: its file name and text.
-fn built_in(py: Python<'_>, robot: Option<&str>) -> PyResult<Option<(String, String)>> {
-    py.import("dappo_batch.robots")?.call_method1("built_in_config", (robot,))?.extract()
-}
-
-fn layers(built_in: Option<(String, String)>, arguments: &ConfigArgs) -> dappo_learn::Result<Layers> {
-    let mut layers = Layers::default();
-    if let Some((name, text)) = built_in {
-        layers.add_toml(&text, &name)?;
-    }
+/// Lays `--config` and the flags over what is there.
+fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Result<()> {
     if let Some(path) = &arguments.config {
         let text = std::fs::read_to_string(path)
             .map_err(|source| dappo_learn::LearnError::Io { path: path.clone(), source })?;
@@ -70,7 +69,7 @@ fn layers(built_in: Option<(String, String)>, arguments: &ConfigArgs) -> dappo_l
     for assignment in &arguments.set {
         layers.set_assignment(assignment)?;
     }
-    Ok(layers)
+    Ok(())
 }
 
 /// `dappo-batch config`: prints the resolved configuration.
