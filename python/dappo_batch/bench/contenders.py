@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import mujoco
@@ -31,7 +32,7 @@ class Unavailable(Exception):
         self.install = install
 
 
-class Contender:
+class Contender(ABC):
     """Something that advances robots by env steps.
 
     Attributes
@@ -51,12 +52,12 @@ class Contender:
     num_envs: int
     note: str = ""
 
-    def __init__(self, workload: Workload) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def __init__(self, workload: Workload) -> None: ...
 
+    @abstractmethod
     def advance(self) -> int:
         """Advance all environments by one env step and return how many env steps that were."""
-        raise NotImplementedError
 
     def run_for(self, seconds: float) -> int:
         """Advance for at least `seconds` and return the number of env steps."""
@@ -71,7 +72,7 @@ class Contender:
         for _ in range(2):
             self.advance()
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 (most have nothing to free)
         """Free threads and memory."""
 
 
@@ -137,6 +138,10 @@ class RawStep(Contender):
             data.qpos[:], data.qvel[:] = qpos, qvel
         self._rngs = [workload.rng(100 + index) for index in range(self.num_envs)]
         self._age = [0] * self.num_envs
+
+    def advance(self) -> int:
+        """Advance every thread's robot by one env step and return how many env steps that were."""
+        return self.run_for(0.0)
 
     def run_for(self, seconds: float) -> int:
         """Advance for at least `seconds` and return the number of env steps."""
