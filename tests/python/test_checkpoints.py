@@ -46,14 +46,16 @@ def remove(name: str) -> Callable[[Path], None]:
     return lambda run: (run / NEWEST / name).unlink()
 
 
-def edit_config(old: str, new: str) -> Callable[[Path], None]:
+def edit_config(*changes: tuple[str, str]) -> Callable[[Path], None]:
     """Make the configuration that of another run, as if the checkpoint had been copied into it."""
 
     def apply(run: Path) -> None:
         path = run / "config.toml"
         text = path.read_text()
-        assert text.count(old) == 1
-        path.write_text(text.replace(old, new))
+        for old, new in changes:
+            assert text.count(old) == 1
+            text = text.replace(old, new)
+        path.write_text(text)
 
     return apply
 
@@ -69,22 +71,22 @@ CASES: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "a truncated manifest": (cut_manifest, "00000004/manifest.json", "truncated or foreign"),
     "another format": (edit_manifest("format", "other 9"), "00000004/manifest.json", "`other 9`, expected `"),
     "another robot": (
-        edit_config('robot = "ant"', 'robot = "hexapod"'),
+        edit_config(('robot = "ant"', 'robot = "hexapod"'), ('reward = "gym"', 'reward = "paper"')),
         "00000004/manifest.json",
         "belongs to robot `ant`, expected `hexapod`",
     ),
     "an unaware policy": (
-        edit_config("observe_damage = true", "observe_damage = false"),
+        edit_config(("observe_damage = true", "observe_damage = false")),
         "00000004",
         "length of an observation is 119, expected 111",
     ),
     "other networks": (
-        edit_config("hidden = [8]", "hidden = [9]"),
+        edit_config(("hidden = [8]", "hidden = [9]")),
         "00000004/learner.toml",
         "[8], expected [9]",
     ),
     "another number of envs": (
-        edit_config("num_envs = 4", "num_envs = 5"),
+        edit_config(("num_envs = 4", "num_envs = 5")),
         "00000004",
         "has 4 entries, expected 5",
     ),
