@@ -5,7 +5,6 @@
 use std::path::PathBuf;
 
 use burn::tensor::Device;
-use dappo_learn::ppo::load_actor_critic;
 use dappo_learn::{Ppo, PpoConfig, PpoLosses, Rollout, gae};
 use dappo_sim::rng::{Purpose, Stream};
 
@@ -127,15 +126,15 @@ fn a_learner_saved_before_its_first_update_resumes_too() {
 }
 
 #[test]
-fn the_networks_alone_load_for_evaluation_and_act_the_same() {
+fn a_loaded_learner_acts_the_same() {
     let dir = temporary("evaluate");
     let mut ppo = learner(&small());
     train(&mut ppo);
     ppo.save(&dir).unwrap();
-    let (networks, normalizer) = load_actor_critic(&dir, &Device::flex()).unwrap();
+    let loaded = Ppo::load(&dir, &small(), &Device::flex()).unwrap();
     let obs = [0.3, 5.0, 1.0, -2.0, 4.0, 0.0];
     let expected = ppo.actor_critic().mean_actions(&obs, ppo.normalizer()).unwrap();
-    assert_eq!(networks.mean_actions(&obs, &normalizer).unwrap(), expected);
+    assert_eq!(loaded.actor_critic().mean_actions(&obs, loaded.normalizer()).unwrap(), expected);
     std::fs::remove_dir_all(dir).unwrap();
 }
 

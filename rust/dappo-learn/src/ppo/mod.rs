@@ -16,7 +16,6 @@ use dappo_sim::rng::{Purpose, Stream};
 
 pub use config::PpoConfig;
 pub use loss::{Adaptation, PpoLosses};
-pub use state::load_actor_critic;
 
 use crate::error::Result;
 use crate::nn::ActorCritic;
@@ -91,11 +90,6 @@ impl Ppo {
         &self.normalizer
     }
 
-    /// The normaliser, to show it observations before the first rollout.
-    pub fn normalizer_mut(&mut self) -> &mut Normalizer {
-        &mut self.normalizer
-    }
-
     /// The configuration in force.
     #[must_use]
     pub fn config(&self) -> &PpoConfig {
@@ -112,12 +106,6 @@ impl Ppo {
     #[must_use]
     pub fn updates(&self) -> u64 {
         self.updates
-    }
-
-    /// The device that networks live on.
-    #[must_use]
-    pub fn device(&self) -> &Device {
-        &self.device
     }
 }
 

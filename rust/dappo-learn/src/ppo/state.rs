@@ -103,13 +103,6 @@ impl Ppo {
     }
 }
 
-/// Reads the networks and the normaliser alone, for evaluation, from a directory that [`Ppo::save`] wrote.
-pub fn load_actor_critic(dir: &Path, device: &Device) -> Result<(ActorCritic, Normalizer)> {
-    let header = read_header(dir)?;
-    let networks = read_networks(dir, &header, device)?;
-    Ok((networks, header.normalizer))
-}
-
 fn read_header(dir: &Path) -> Result<Header> {
     let path = dir.join(LEARNER);
     let text =
