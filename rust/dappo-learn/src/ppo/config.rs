@@ -22,6 +22,8 @@ pub struct PpoConfig {
     pub kl_hinge: f64,
     /// An update stops after an epoch whose KL divergence exceeds this many d*.
     pub kl_stop: f64,
+    /// The adaptive learning rate stays below this multiple of `learning_rate`.
+    pub max_lr_factor: f64,
     /// Logarithm of the variance of a new policy.
     pub initial_log_variance: f64,
     /// At most this many passes over the batch for the policy.
@@ -49,6 +51,7 @@ impl Default for PpoConfig {
             kl_target: 0.01,
             kl_hinge: 50.0,
             kl_stop: 4.0,
+            max_lr_factor: 10.0,
             initial_log_variance: -1.0,
             epochs: 10,
             minibatch_size: 2048,
@@ -72,6 +75,8 @@ impl PpoConfig {
                 kl_target: 0.03,
                 minibatch_size: 512,
                 learning_rate: 6e-4,
+                // Already large: a run whose factor rose to 10 unlearned walking (docs/results/healthy_ant.md).
+                max_lr_factor: 1.0,
                 value_epochs: 5,
                 value_minibatch_size: 512,
                 ..Self::default()
@@ -110,6 +115,7 @@ impl PpoConfig {
         positive("kl_target", self.kl_target)?;
         positive("kl_stop", self.kl_stop)?;
         positive("learning_rate", self.learning_rate)?;
+        rule("max_lr_factor", self.max_lr_factor, "a number of at least 1", self.max_lr_factor >= 1.0)?;
         positive("value_learning_rate", self.value_learning_rate)?;
         counted("epochs", self.epochs)?;
         counted("minibatch_size", self.minibatch_size)?;

@@ -8,7 +8,7 @@ use crate::nn::actor_critic::LN_SQRT_TAU;
 /// Bounds of the KL weight β and the learning-rate factor, and the step between values of either.
 const MAX_KL_COEF: f64 = 35.0;
 const HIGH_KL_COEF: f64 = 30.0;
-const LR_FACTORS: [f64; 2] = [0.1, 10.0];
+const MIN_LR_FACTOR: f64 = 0.1;
 const ADAPTATION_STEP: f64 = 1.5;
 
 /// What one update measured.
@@ -54,19 +54,20 @@ impl Adaptation {
     /// The values for the next update, after one whose divergence was `kl`.
     ///
     /// Above 2 d*, β grows by a half up to 35, and beyond 30 the learning rate shrinks as well; below
-    /// d*/2 the opposite happens, with bounds 1/35 and 1/30. The factor stays within 0.1 and 10.
+    /// d*/2 the opposite happens, with bounds 1/35 and 1/30. The factor stays within 0.1 and
+    /// `max_lr_factor`, 10 in the paper's preset.
     #[must_use]
-    pub fn after(self, kl: f64, kl_target: f64) -> Self {
+    pub fn after(self, kl: f64, kl_target: f64, max_lr_factor: f64) -> Self {
         let Self { mut kl_coef, mut lr_factor } = self;
         if kl > 2.0 * kl_target {
             kl_coef = (kl_coef * ADAPTATION_STEP).min(MAX_KL_COEF);
             if kl_coef > HIGH_KL_COEF {
-                lr_factor = (lr_factor / ADAPTATION_STEP).max(LR_FACTORS[0]);
+                lr_factor = (lr_factor / ADAPTATION_STEP).max(MIN_LR_FACTOR);
             }
         } else if kl < kl_target / 2.0 {
             kl_coef = (kl_coef / ADAPTATION_STEP).max(1.0 / MAX_KL_COEF);
             if kl_coef < 1.0 / HIGH_KL_COEF {
-                lr_factor = (lr_factor * ADAPTATION_STEP).min(LR_FACTORS[1]);
+                lr_factor = (lr_factor * ADAPTATION_STEP).min(max_lr_factor);
             }
         }
         Self { kl_coef, lr_factor }
@@ -200,21 +201,23 @@ mod tests {
     fn beta_and_the_learning_rate_factor_follow_the_divergence() {
         let start = Adaptation::default();
         assert_eq!(start, Adaptation { kl_coef: 1.0, lr_factor: 1.0 });
-        assert_eq!(start.after(0.0201, 0.01), Adaptation { kl_coef: 1.5, lr_factor: 1.0 });
-        assert_eq!(start.after(0.0049, 0.01), Adaptation { kl_coef: 1.0 / 1.5, lr_factor: 1.0 });
+        assert_eq!(start.after(0.0201, 0.01, 10.0), Adaptation { kl_coef: 1.5, lr_factor: 1.0 });
+        assert_eq!(start.after(0.0049, 0.01, 10.0), Adaptation { kl_coef: 1.0 / 1.5, lr_factor: 1.0 });
         for kl in [0.005, 0.01, 0.02] {
-            assert_eq!(start.after(kl, 0.01), start, "kl {kl} lies in the dead band");
+            assert_eq!(start.after(kl, 0.01, 10.0), start, "kl {kl} lies in the dead band");
         }
         let high = Adaptation { kl_coef: 25.0, lr_factor: 1.0 };
-        assert_eq!(high.after(1.0, 0.01), Adaptation { kl_coef: 35.0, lr_factor: 1.0 / 1.5 });
+        assert_eq!(high.after(1.0, 0.01, 10.0), Adaptation { kl_coef: 35.0, lr_factor: 1.0 / 1.5 });
         let low = Adaptation { kl_coef: 0.04, lr_factor: 1.0 };
-        assert_eq!(low.after(0.0, 0.01), Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 1.5 });
+        assert_eq!(low.after(0.0, 0.01, 10.0), Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 1.5 });
     }
 
     #[test]
     fn beta_and_the_factor_stay_within_their_bounds() {
-        let many = |kl| (0..50).fold(Adaptation::default(), |a, _| a.after(kl, 0.01));
+        let many = |kl| (0..50).fold(Adaptation::default(), |a, _| a.after(kl, 0.01, 10.0));
         assert_eq!(many(1.0), Adaptation { kl_coef: 35.0, lr_factor: 0.1 });
         assert_eq!(many(0.0), Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 10.0 });
+        let capped = (0..50).fold(Adaptation::default(), |a, _| a.after(0.0, 0.01, 1.0));
+        assert_eq!(capped, Adaptation { kl_coef: 1.0 / 35.0, lr_factor: 1.0 });
     }
 }

@@ -39,7 +39,7 @@ impl Ppo {
         let policy = self.update_policy(&policy_batch, &mut stream)?;
         let value_loss = self.update_value(&value_batch, &mut stream)?;
         self.previous = Some(value_batch);
-        self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target);
+        self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target, self.config.max_lr_factor);
         self.normalizer.update(&rollout.obs)?;
         self.updates += 1;
         Ok(PpoLosses {
