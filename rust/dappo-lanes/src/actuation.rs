@@ -1,0 +1,52 @@
+//! Forces of motors, servos and joint damping.
+//! (Documentation: Computation, "Actuation model" and "Passive forces".)
+
+use crate::constants::{Constants, Skeleton};
+use crate::lane::Lane;
+
+/// Forces on the joints, and how they fall with velocity.
+pub struct Actuation<T, const L: usize, const J: usize> {
+    pub force: [[T; J]; L],
+    /// −∂force/∂velocity through damping alone: what Euler treats implicitly.
+    pub damping: [[T; J]; L],
+    /// The same through damping and actuators: what implicitfast treats implicitly.
+    pub drag: [[T; J]; L],
+}
+
+#[inline(always)]
+pub fn actuation<T: Lane, const L: usize, const J: usize>(
+    skeleton: &Skeleton<T, L, J>,
+    constants: &Constants<T, L, J>,
+    positions: &[[T; J]; L],
+    velocities: &[[T; J]; L],
+    ctrl: &[[T; J]; L],
+) -> Actuation<T, L, J> {
+    let zero = [[T::zero(); J]; L];
+    let mut out = Actuation { force: zero, damping: zero, drag: zero };
+    for limb in 0..L {
+        for joint in 0..J {
+            let (link, shared) = (&constants.links[limb][joint], &skeleton.joints[limb][joint]);
+            let (position, velocity) = (positions[limb][joint], velocities[limb][joint]);
+            let motor = &link.motor;
+            let mut force = T::zero();
+            let mut drag = link.damping;
+            if shared.actuator.is_some() {
+                let [lowest, highest] = motor.force_range;
+                force = motor.gain * ctrl[limb][joint].clamp(motor.ctrl_range[0], motor.ctrl_range[1]);
+                if shared.servo {
+                    let [constant, stiffness, slope] = motor.bias;
+                    let (length, speed) = (motor.gear * position, motor.gear * velocity);
+                    force = force + stiffness.mul_add(length, slope.mul_add(speed, constant));
+                    // A saturated actuator does not answer to velocity.
+                    let free = lowest.lt(force) & force.lt(highest);
+                    drag = drag - (motor.gear * motor.gear * slope).keep(free);
+                }
+                force = motor.gear * force.clamp(lowest, highest);
+            }
+            out.force[limb][joint] = link.damping.neg_mul_add(velocity, force);
+            out.damping[limb][joint] = link.damping;
+            out.drag[limb][joint] = drag;
+        }
+    }
+    out
+}

@@ -1,0 +1,126 @@
+//! Arrow matrices: symmetric matrices over [`Coords`] in which limbs couple with the root but not with each
+//! other. The mass matrix has this form, and floor contacts and joint limits keep it.
+
+use crate::coords::Coords;
+use crate::lane::Lane;
+
+/// A symmetric matrix: the root's 6 × 6 block, and for each joint its coupling with the root and with the
+/// joints of its limb. Only the lower triangles of the blocks are used.
+#[derive(Clone, Copy)]
+pub struct Arrow<T, const L: usize, const J: usize> {
+    pub root: [[T; 6]; 6],
+    pub coupling: [[[T; 6]; J]; L],
+    pub limbs: [[[T; J]; J]; L],
+}
+
+impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
+    #[inline(always)]
+    pub fn zero() -> Self {
+        let zero = T::zero();
+        Self { root: [[zero; 6]; 6], coupling: [[[zero; 6]; J]; L], limbs: [[[zero; J]; J]; L] }
+    }
+
+    /// The matrix times a vector.
+    #[inline(always)]
+    pub fn mul(&self, x: &Coords<T, L, J>) -> Coords<T, L, J> {
+        let mut y = Coords::zero();
+        for i in 0..6 {
+            for j in 0..6 {
+                let entry = if j <= i { self.root[i][j] } else { self.root[j][i] };
+                y.root[i] = entry.mul_add(x.root[j], y.root[i]);
+            }
+        }
+        for limb in 0..L {
+            for joint in 0..J {
+                let coupling = &self.coupling[limb][joint];
+                let mut sum = T::zero();
+                for i in 0..6 {
+                    y.root[i] = coupling[i].mul_add(x.limbs[limb][joint], y.root[i]);
+                    sum = coupling[i].mul_add(x.root[i], sum);
+                }
+                for other in 0..J {
+                    let entry = self.limbs[limb][joint.max(other)][joint.min(other)];
+                    sum = entry.mul_add(x.limbs[limb][other], sum);
+                }
+                y.limbs[limb][joint] = sum;
+            }
+        }
+        y
+    }
+
+    /// Solves matrix · x = right for a positive definite matrix.
+    ///
+    /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards and then the root, as
+    /// MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
+    #[inline(always)]
+    pub fn solve(&self, right: &Coords<T, L, J>) -> Coords<T, L, J> {
+        let one = T::of(1.0);
+        let mut root = self.root;
+        let mut x = *right;
+        let mut factors = [[[T::zero(); J]; J]; L];
+        let mut couplings = self.coupling;
+        let mut inverse_pivots = [[T::zero(); J]; L];
+        for limb in 0..L {
+            let (block, coupling, y) = (&mut factors[limb], &mut couplings[limb], &mut x.limbs[limb]);
+            *block = self.limbs[limb];
+            for joint in (0..J).rev() {
+                let inverse = one / block[joint][joint];
+                inverse_pivots[limb][joint] = inverse;
+                for inner in 0..joint {
+                    let factor = block[joint][inner] * inverse;
+                    for k in 0..=inner {
+                        block[inner][k] = factor.neg_mul_add(block[joint][k], block[inner][k]);
+                    }
+                    for i in 0..6 {
+                        coupling[inner][i] = factor.neg_mul_add(coupling[joint][i], coupling[inner][i]);
+                    }
+                    y[inner] = factor.neg_mul_add(y[joint], y[inner]);
+                }
+                for i in 0..6 {
+                    let factor = coupling[joint][i] * inverse;
+                    for j in 0..=i {
+                        root[i][j] = factor.neg_mul_add(coupling[joint][j], root[i][j]);
+                    }
+                    x.root[i] = factor.neg_mul_add(y[joint], x.root[i]);
+                }
+            }
+        }
+        solve_dense(&mut root, &mut x.root);
+        for limb in 0..L {
+            for joint in 0..J {
+                let mut sum = x.limbs[limb][joint];
+                for i in 0..6 {
+                    sum = couplings[limb][joint][i].neg_mul_add(x.root[i], sum);
+                }
+                for inner in 0..joint {
+                    sum = factors[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
+                }
+                x.limbs[limb][joint] = sum * inverse_pivots[limb][joint];
+            }
+        }
+        x
+    }
+}
+
+/// Solves the root's dense 6 × 6 system in place.
+#[inline(always)]
+fn solve_dense<T: Lane>(matrix: &mut [[T; 6]; 6], x: &mut [T; 6]) {
+    let mut inverse_pivots = [T::zero(); 6];
+    for pivot in 0..6 {
+        inverse_pivots[pivot] = T::of(1.0) / matrix[pivot][pivot];
+        for i in pivot + 1..6 {
+            let factor = matrix[i][pivot] * inverse_pivots[pivot];
+            for j in pivot + 1..=i {
+                matrix[i][j] = factor.neg_mul_add(matrix[j][pivot], matrix[i][j]);
+            }
+            x[i] = factor.neg_mul_add(x[pivot], x[i]);
+        }
+    }
+    for i in (0..6).rev() {
+        let mut sum = x[i];
+        for j in i + 1..6 {
+            sum = matrix[j][i].neg_mul_add(x[j], sum);
+        }
+        x[i] = sum * inverse_pivots[i];
+    }
+}

@@ -1,0 +1,157 @@
+//! Chooses the lane type and the shape of the robot at run time.
+
+use std::sync::Arc;
+
+use crate::constants::Skeleton;
+use crate::group::Group;
+use crate::lane::Lane;
+#[cfg(target_arch = "x86_64")]
+use crate::lane::{avx2, avx512};
+use crate::lane::portable;
+use crate::model::Model;
+use crate::worlds::{Robot, Worlds};
+
+/// Floating-point format of the simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    /// Single precision: twice the worlds in a register.
+    F32,
+    /// Double precision: equal to MuJoCo up to rounding.
+    F64,
+}
+
+/// Instruction set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Simd {
+    /// AVX-512.
+    Avx512,
+    /// AVX2 with FMA.
+    Avx2,
+    /// Plain Rust.
+    Portable,
+}
+
+impl Simd {
+    /// The instruction sets of this processor, the fastest first.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        [Self::Avx512, Self::Avx2, Self::Portable].into_iter().filter(|simd| simd.is_available()).collect()
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512bw")
+                    && Self::Avx2.is_available()
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("fma")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 | Self::Avx2 => false,
+            Self::Portable => true,
+        }
+    }
+
+    /// Name for people and environment variables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "avx512",
+            Self::Avx2 => "avx2",
+            Self::Portable => "portable",
+        }
+    }
+}
+
+/// Why the engine cannot simulate a robot.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Unsupported(pub String);
+
+type NewGroup = Box<dyn Fn() -> Box<dyn Group> + Send + Sync>;
+
+/// The damage classes of one robot, ready to be simulated.
+pub struct Engine {
+    width: usize,
+    new_group: NewGroup,
+}
+
+impl Engine {
+    /// An engine for one robot, given by the models of all its damage classes.
+    ///
+    /// # Errors
+    /// If the robot's shape is not among the compiled ones, if the processor lacks the instruction set, or if
+    /// a class changes something that all classes must share.
+    pub fn new(classes: Vec<Model>, precision: Precision, simd: Simd) -> Result<Self, Unsupported> {
+        if !simd.is_available() {
+            let names: Vec<_> = Simd::available().into_iter().map(Simd::name).collect();
+            return Err(Unsupported(format!(
+                "this processor has no {}; it has {}",
+                simd.name(),
+                names.join(", ")
+            )));
+        }
+        match (simd, precision) {
+            #[cfg(target_arch = "x86_64")]
+            (Simd::Avx512, Precision::F32) => Self::of::<avx512::F32x16>(classes),
+            #[cfg(target_arch = "x86_64")]
+            (Simd::Avx512, Precision::F64) => Self::of::<avx512::F64x8>(classes),
+            #[cfg(target_arch = "x86_64")]
+            (Simd::Avx2, Precision::F32) => Self::of::<avx2::F32x8>(classes),
+            #[cfg(target_arch = "x86_64")]
+            (Simd::Avx2, Precision::F64) => Self::of::<avx2::F64x4>(classes),
+            (_, Precision::F32) => Self::of::<portable::F32x4>(classes),
+            (_, Precision::F64) => Self::of::<portable::F64x4>(classes),
+        }
+    }
+
+    /// Chooses the shape: the engine is compiled for each one by itself.
+    fn of<T: Lane>(classes: Vec<Model>) -> Result<Self, Unsupported> {
+        let model = classes.first().ok_or_else(|| Unsupported("there is no damage class".into()))?;
+        let limbs = model.limbs.len();
+        let joints = model.limbs.first().map_or(0, Vec::len);
+        let even = classes.iter().all(|class| {
+            class.limbs.len() == limbs && class.limbs.iter().all(|limb| limb.len() == joints)
+        });
+        match (limbs, joints) {
+            _ if !even => Err(Unsupported("its limbs differ in their number of joints".into())),
+            (4, 2) => Self::shaped::<T, 4, 2>(classes),
+            (6, 3) => Self::shaped::<T, 6, 3>(classes),
+            (4, 3) => Self::shaped::<T, 4, 3>(classes),
+            _ => Err(Unsupported(format!(
+                "it has {limbs} limbs of {joints} joints; the lane engine is compiled for 4 limbs of 2 or 3 \
+                 joints and 6 limbs of 3"
+            ))),
+        }
+    }
+
+    fn shaped<T: Lane, const L: usize, const J: usize>(classes: Vec<Model>) -> Result<Self, Unsupported> {
+        let skeleton = Skeleton::new(&classes)?;
+        let robot = Arc::new(Robot::<T, L, J> { skeleton, classes });
+        let new_group: NewGroup = Box::new(move || Box::new(Worlds::new(Arc::clone(&robot))));
+        Ok(Self { width: T::WIDTH, new_group })
+    }
+
+    /// Number of worlds in a group.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// A new group of worlds, all of class 0 and with all positions and velocities zero.
+    #[must_use]
+    pub fn group(&self) -> Box<dyn Group> {
+        (self.new_group)()
+    }
+}

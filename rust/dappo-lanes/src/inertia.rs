@@ -1,0 +1,135 @@
+//! The mass matrix: composite rigid bodies, with spatial quantities about the root's origin.
+//! (Documentation: Computation, "General framework"; Featherstone, "Rigid Body Dynamics Algorithms", ch. 6.)
+
+use crate::arrow::Arrow;
+use crate::constants::{Body, Constants};
+use crate::kinematics::Kinematics;
+use crate::lane::Lane;
+use crate::math::{
+    Axes, Sym3, Vec3, add, add_point_mass, cross, dot, scale, scale_add, sym_mul, sym_rotate, zero3,
+};
+
+/// Several rigid bodies moved as one: mass, first moment and inertia about the root's origin.
+#[derive(Clone, Copy)]
+pub struct Composite<T> {
+    pub mass: T,
+    pub moment: Vec3<T>,
+    pub inertia: Sym3<T>,
+}
+
+impl<T: Lane> Composite<T> {
+    #[inline(always)]
+    fn nothing() -> Self {
+        Self { mass: T::zero(), moment: zero3(), inertia: [T::zero(); 6] }
+    }
+
+    /// Adds a body whose inertia about its centre of mass, along the world's axes, is `tensor`.
+    #[inline(always)]
+    fn add_body(&mut self, body: &Body<T>, com: Vec3<T>, tensor: &Sym3<T>) {
+        self.mass += body.mass;
+        self.moment = scale_add(com, body.mass, self.moment);
+        for (sum, &entry) in self.inertia.iter_mut().zip(tensor) {
+            *sum += entry;
+        }
+        add_point_mass(&mut self.inertia, body.mass, com);
+    }
+
+    #[inline(always)]
+    fn add(&mut self, other: &Self) {
+        self.mass += other.mass;
+        self.moment = add(self.moment, other.moment);
+        for (sum, &entry) in self.inertia.iter_mut().zip(&other.inertia) {
+            *sum += entry;
+        }
+    }
+
+    /// Force and torque about the origin that accelerate it, at rest, by a turn of 1 rad/s² about `axis`
+    /// which moves the origin with `sweep`.
+    #[inline(always)]
+    fn wrench(&self, axis: Vec3<T>, sweep: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+        let force = scale_add(sweep, self.mass, cross(axis, self.moment));
+        let torque = add(sym_mul(&self.inertia, axis), cross(self.moment, sweep));
+        (force, torque)
+    }
+}
+
+/// Inertia tensors about the centres of mass, along the world's axes.
+pub struct Tensors<T, const L: usize, const J: usize> {
+    pub root: Sym3<T>,
+    pub links: [[Sym3<T>; J]; L],
+}
+
+#[inline(always)]
+pub fn tensors<T: Lane, const L: usize, const J: usize>(
+    constants: &Constants<T, L, J>,
+    kinematics: &Kinematics<T, L, J>,
+) -> Tensors<T, L, J> {
+    let turned = |axes: &Axes<T>, body: &Body<T>| sym_rotate(axes, &body.tensor);
+    Tensors {
+        root: turned(&kinematics.root, &constants.root),
+        links: std::array::from_fn(|limb| {
+            std::array::from_fn(|joint| {
+                turned(&kinematics.links[limb][joint].axes, &constants.links[limb][joint].body)
+            })
+        }),
+    }
+}
+
+/// The mass matrix, armature included, and the robot as one body.
+#[inline(always)]
+pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
+    constants: &Constants<T, L, J>,
+    kinematics: &Kinematics<T, L, J>,
+    tensors: &Tensors<T, L, J>,
+) -> (Arrow<T, L, J>, Composite<T>) {
+    let mut matrix = Arrow::zero();
+    let mut robot = Composite::nothing();
+    robot.add_body(&constants.root, kinematics.root_com, &tensors.root);
+    for limb in 0..L {
+        let links = &kinematics.links[limb];
+        let mut outer = Composite::nothing();
+        for joint in (0..J).rev() {
+            let (link, pose) = (&constants.links[limb][joint], &links[joint]);
+            outer.add_body(&link.body, pose.com, &tensors.links[limb][joint]);
+            let (force, torque) = outer.wrench(pose.hinge(), pose.sweep);
+            matrix.coupling[limb][joint][..3].copy_from_slice(&force);
+            matrix.coupling[limb][joint][3..].copy_from_slice(&torque);
+            for inner in 0..=joint {
+                matrix.limbs[limb][joint][inner] =
+                    dot(links[inner].hinge(), torque) + dot(links[inner].sweep, force);
+            }
+            matrix.limbs[limb][joint][joint] += link.armature;
+        }
+        robot.add(&outer);
+    }
+    root_block(&mut matrix.root, &robot);
+    (matrix, robot)
+}
+
+/// The lower triangle of [m·1, ·; [c]ₓ, I] with the robot's mass, first moment c and inertia.
+#[inline(always)]
+fn root_block<T: Lane>(root: &mut [[T; 6]; 6], robot: &Composite<T>) {
+    for (i, row) in root.iter_mut().enumerate().take(3) {
+        row[i] = robot.mass;
+    }
+    let [x, y, z] = robot.moment;
+    root[3][1] = -z;
+    root[3][2] = y;
+    root[4][0] = z;
+    root[4][2] = -x;
+    root[5][0] = -y;
+    root[5][1] = x;
+    let [xx, yy, zz, xy, xz, yz] = robot.inertia;
+    root[3][3] = xx;
+    root[4][4] = yy;
+    root[5][5] = zz;
+    root[4][3] = xy;
+    root[5][3] = xz;
+    root[5][4] = yz;
+}
+
+/// Centre of mass of a composite, from the root's origin.
+#[inline(always)]
+pub fn center<T: Lane>(robot: &Composite<T>) -> Vec3<T> {
+    scale(robot.moment, T::of(1.0) / robot.mass)
+}

@@ -1,0 +1,39 @@
+//! MuJoCo's equations for limbed robots on a floor, with several worlds in the lanes of one SIMD register.
+//!
+//! A robot is a free root with L limbs of J hinges each over a level floor; what it is made of stands in
+//! [`Model`]. An [`Engine`] holds its damage classes and makes [`Group`]s of worlds, one world a lane. An
+//! evaluation of the dynamics goes through the modules in the order in which they are listed here.
+
+mod kinematics;
+
+mod inertia;
+
+mod bias;
+
+mod actuation;
+
+mod contact;
+mod limit;
+
+mod solver;
+
+mod dynamics;
+
+mod integrate;
+
+mod forces;
+
+mod arrow;
+mod constants;
+mod coords;
+mod engine;
+mod group;
+mod lane;
+mod math;
+pub mod model;
+mod state;
+mod worlds;
+
+pub use engine::{Engine, Precision, Simd, Unsupported};
+pub use group::{Group, Readout};
+pub use model::Model;

@@ -1,0 +1,80 @@
+//! Joint limits as one-sided soft constraints.
+//! (Documentation: Computation, "Constraint model", limits.)
+
+use crate::constants::{Constants, Skeleton};
+use crate::lane::{Lane, Mask};
+
+/// The limits of all joints. A joint is near at most one of its two limits.
+pub struct Limits<T: Lane, const L: usize, const J: usize> {
+    pub rows: [[Limit<T>; J]; L],
+    /// Lanes in which some limit pushes or may come to push.
+    pub present: T::Mask,
+}
+
+/// One constraint: sign · velocity of the joint may not fall below a reference.
+#[derive(Clone, Copy)]
+pub struct Limit<T: Lane> {
+    /// Whether any lane has it.
+    pub somewhere: bool,
+    /// +1 at the lower limit, −1 at the upper one.
+    pub sign: T,
+    /// 1/R, and 0 in lanes without the constraint.
+    pub weight: T,
+    /// Reference acceleration.
+    pub reference: T,
+    /// J a − reference at the solver's present point.
+    pub residual: T,
+    /// Change of the residual along the solver's search direction.
+    pub slope: T,
+    /// Lanes in which it pushes at the beginning of a line search.
+    pub active: T::Mask,
+}
+
+#[inline(always)]
+pub fn limits<T: Lane, const L: usize, const J: usize>(
+    skeleton: &Skeleton<T, L, J>,
+    constants: &Constants<T, L, J>,
+    positions: &[[T; J]; L],
+    velocities: &[[T; J]; L],
+) -> Limits<T, L, J> {
+    let (zero, one) = (T::zero(), T::of(1.0));
+    let absent = Limit {
+        somewhere: false,
+        sign: zero,
+        weight: zero,
+        reference: zero,
+        residual: zero,
+        slope: zero,
+        active: T::Mask::none(),
+    };
+    let softness = &skeleton.limit;
+    let mut out = Limits { rows: [[absent; J]; L], present: T::Mask::none() };
+    for limb in 0..L {
+        for joint in 0..J {
+            let link = &constants.links[limb][joint];
+            let (below, above) =
+                (positions[limb][joint] - link.range[0], link.range[1] - positions[limb][joint]);
+            let lower = below.lt(above);
+            let distance =
+                T::select(lower, below, above) - T::splat(skeleton.joints[limb][joint].margin);
+            let near = distance.lt(zero);
+            if !near.any() {
+                continue;
+            }
+            let sign = T::select(lower, one, -one);
+            let impedance = softness.at(distance.abs());
+            let pull = T::splat(softness.stiffness) * impedance * distance;
+            let reference =
+                -(T::splat(softness.damping) * sign * velocities[limb][joint]) - pull;
+            out.present = out.present | near;
+            out.rows[limb][joint] = Limit {
+                somewhere: true,
+                sign: sign.keep(near),
+                weight: (impedance / ((one - impedance) * link.inverse_weight)).keep(near),
+                reference,
+                ..absent
+            };
+        }
+    }
+    out
+}

@@ -1,0 +1,283 @@
+//! [`Group`] for one lane type and one shape of robot.
+
+use std::sync::Arc;
+
+use crate::constants::{Constants, Skeleton};
+use crate::contact::Contact;
+use crate::coords::Coords;
+use crate::dynamics::Dynamics;
+use crate::forces::Forces;
+use crate::group::{Group, Readout};
+use crate::integrate::{Observer, Substep};
+use crate::lane::{Lane, Mask};
+use crate::model::Model;
+use crate::state::{Position, State};
+
+/// What all groups of an engine share.
+pub struct Robot<T: Lane, const L: usize, const J: usize> {
+    pub skeleton: Skeleton<T, L, J>,
+    pub classes: Vec<Model>,
+}
+
+/// As many worlds as a register has lanes.
+pub struct Worlds<T: Lane, const L: usize, const J: usize> {
+    robot: Arc<Robot<T, L, J>>,
+    constants: Constants<T, L, J>,
+    /// x and y of the root count from `origin`, so that single precision does not wear off far away.
+    state: State<T, L, J>,
+    origin: Vec<[f64; 2]>,
+    ctrl: [[T; J]; L],
+    evaluated_x: Vec<f64>,
+    qacc: Coords<T, L, J>,
+    forces: Forces<T>,
+}
+
+/// Keeps what the last substep of a step shows.
+struct Recorder<'a, T: Lane, const L: usize, const J: usize> {
+    skeleton: &'a Skeleton<T, L, J>,
+    forces: &'a mut Forces<T>,
+    qacc: &'a mut Coords<T, L, J>,
+    mask: T::Mask,
+    /// x of the root at the last evaluation.
+    x: T,
+    /// Whether this is the last substep.
+    listening: bool,
+}
+
+impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_, T, L, J> {
+    #[inline(always)]
+    fn first(&mut self, contacts: &[Contact<T, J>]) {
+        if self.listening {
+            // MuJoCo evaluates sensors before the integrator's further stages.
+            self.forces.set_touch(self.skeleton, contacts, self.mask);
+        }
+    }
+
+    #[inline(always)]
+    fn last(
+        &mut self,
+        contacts: &[Contact<T, J>],
+        dynamics: &Dynamics<T, L, J>,
+        position: &Position<T, L, J>,
+    ) {
+        if self.listening {
+            self.forces.set_bodies(self.skeleton, contacts, dynamics.center, self.mask);
+            *self.qacc = dynamics.qacc();
+            self.x = position.root[0];
+        }
+    }
+}
+
+impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
+    const NV: usize = 6 + L * J;
+    const NQ: usize = Self::NV + 1;
+
+    pub fn new(robot: Arc<Robot<T, L, J>>) -> Self {
+        let skeleton = &robot.skeleton;
+        let mut worlds = Self {
+            constants: Constants::new(skeleton.points.len()),
+            state: State::zero(),
+            origin: vec![[0.0; 2]; T::WIDTH],
+            ctrl: [[T::zero(); J]; L],
+            evaluated_x: vec![0.0; T::WIDTH],
+            qacc: Coords::zero(),
+            forces: Forces::zero(skeleton.bodies, skeleton.touch_sensors),
+            robot,
+        };
+        let mut qpos = vec![0.0; Self::NQ];
+        qpos[3] = 1.0;
+        for lane in 0..T::WIDTH {
+            worlds.set_class(lane, 0);
+            worlds.set_state(lane, &qpos, &vec![0.0; Self::NV]);
+        }
+        worlds
+    }
+
+    /// Calls `visit` with each joint's indices: limb, joint and entry of qvel.
+    fn joints(&self, mut visit: impl FnMut(usize, usize, usize)) {
+        for (limb, joints) in self.robot.skeleton.joints.iter().enumerate() {
+            for (joint, shared) in joints.iter().enumerate() {
+                visit(limb, joint, shared.dof);
+            }
+        }
+    }
+
+    fn read_coords(&self, coords: &Coords<T, L, J>, lane: usize, out: &mut [f64]) {
+        for (out, entry) in out.iter_mut().zip(&coords.root) {
+            *out = entry.get(lane);
+        }
+        self.joints(|limb, joint, dof| out[dof] = coords.limbs[limb][joint].get(lane));
+    }
+
+    fn coords(&self, lane: usize, mut coords: Coords<T, L, J>, values: &[f64]) -> Coords<T, L, J> {
+        for (entry, &value) in coords.root.iter_mut().zip(values) {
+            entry.set(lane, value);
+        }
+        self.joints(|limb, joint, dof| coords.limbs[limb][joint].set(lane, values[dof]));
+        coords
+    }
+
+    fn read_qpos(&self, lane: usize, out: &mut [f64]) {
+        let position = &self.state.position;
+        for axis in 0..2 {
+            out[axis] = self.origin[lane][axis] + position.root[axis].get(lane);
+        }
+        out[2] = position.root[2].get(lane);
+        for (out, entry) in out[3..7].iter_mut().zip(&position.rotation) {
+            *out = entry.get(lane);
+        }
+        self.joints(|limb, joint, dof| out[dof + 1] = position.joints[limb][joint].get(lane));
+    }
+
+    fn set_qpos(&mut self, lane: usize, qpos: &[f64]) {
+        let mut position = self.state.position;
+        self.origin[lane] = [qpos[0], qpos[1]];
+        for (entry, value) in position.root.iter_mut().zip([0.0, 0.0, qpos[2]]) {
+            entry.set(lane, value);
+        }
+        for (entry, &value) in position.rotation.iter_mut().zip(&qpos[3..7]) {
+            entry.set(lane, value);
+        }
+        self.joints(|limb, joint, dof| position.joints[limb][joint].set(lane, qpos[dof + 1]));
+        self.state.position = position;
+    }
+}
+
+/// Rust evaluates these for all lanes at once.
+impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
+    #[inline(always)]
+    fn forward_lanes(&mut self, mask: T::Mask) {
+        let skeleton = &self.robot.skeleton;
+        let mut contacts = Vec::with_capacity(skeleton.points.len());
+        let mut substep = Substep {
+            skeleton,
+            constants: &self.constants,
+            ctrl: &self.ctrl,
+            contacts: &mut contacts,
+        };
+        let dynamics = substep.forward(&self.state);
+        let qacc = dynamics.qacc();
+        let choose = |new, old| T::select(mask, new, old);
+        self.qacc = qacc.zip(&self.qacc, choose);
+        self.state.warm_start = qacc.zip(&self.state.warm_start, choose);
+        self.forces.set_touch(skeleton, &contacts, mask);
+        self.forces.set_bodies(skeleton, &contacts, dynamics.center, mask);
+    }
+
+    #[inline(always)]
+    fn step_lanes(&mut self, mask: T::Mask, substeps: usize) -> T {
+        let skeleton = &self.robot.skeleton;
+        let mut contacts = Vec::with_capacity(skeleton.points.len());
+        let mut substep = Substep {
+            skeleton,
+            constants: &self.constants,
+            ctrl: &self.ctrl,
+            contacts: &mut contacts,
+        };
+        let mut recorder = Recorder {
+            skeleton,
+            forces: &mut self.forces,
+            qacc: &mut self.qacc,
+            mask,
+            x: T::zero(),
+            listening: false,
+        };
+        let mut state = self.state;
+        for index in 0..substeps {
+            recorder.listening = index + 1 == substeps;
+            substep.advance(&mut state, &mut recorder);
+        }
+        let x = recorder.x;
+        self.state = state.select(mask, &self.state);
+        x
+    }
+}
+
+impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
+    fn width(&self) -> usize {
+        T::WIDTH
+    }
+
+    fn set_class(&mut self, lane: usize, class: usize) {
+        self.constants.set(lane, &self.robot.classes[class]);
+    }
+
+    fn set_state(&mut self, lane: usize, qpos: &[f64], qvel: &[f64]) {
+        self.set_qpos(lane, qpos);
+        self.state.velocity = self.coords(lane, self.state.velocity, qvel);
+        self.state.warm_start = self.coords(lane, self.state.warm_start, &vec![0.0; Self::NV]);
+        self.evaluated_x[lane] = qpos[0];
+    }
+
+    fn set_ctrl(&mut self, lane: usize, ctrl: &[f64]) {
+        let robot = Arc::clone(&self.robot);
+        for (limb, joints) in robot.skeleton.joints.iter().enumerate() {
+            for (joint, shared) in joints.iter().enumerate() {
+                if let Some(actuator) = shared.actuator {
+                    self.ctrl[limb][joint].set(lane, ctrl[actuator]);
+                }
+            }
+        }
+    }
+
+    fn forward(&mut self, lanes: u32) {
+        T::run(|| self.forward_lanes(T::Mask::from_bits(lanes)));
+    }
+
+    fn step(&mut self, lanes: u32, substeps: usize) {
+        let x = T::run(|| self.step_lanes(T::Mask::from_bits(lanes), substeps));
+        for lane in (0..T::WIDTH).filter(|lane| lanes >> lane & 1 == 1) {
+            self.evaluated_x[lane] = self.origin[lane][0] + x.get(lane);
+            for axis in 0..2 {
+                let coordinate = &mut self.state.position.root[axis];
+                self.origin[lane][axis] += coordinate.get(lane);
+                coordinate.set(lane, 0.0);
+            }
+        }
+    }
+
+    fn read(&self, lane: usize, readout: Readout<'_>) {
+        self.read_qpos(lane, readout.qpos);
+        self.read_coords(&self.state.velocity, lane, readout.qvel);
+        for (out, body) in readout.cfrc_ext.chunks_exact_mut(6).zip(&self.forces.bodies) {
+            for (out, entry) in out.iter_mut().zip(body) {
+                *out = entry.get(lane);
+            }
+        }
+        for (out, touch) in readout.touch.iter_mut().zip(&self.forces.touch) {
+            *out = touch.get(lane);
+        }
+    }
+
+    fn evaluated_x(&self, lane: usize) -> f64 {
+        self.evaluated_x[lane]
+    }
+
+    fn accelerations(&self, lane: usize, qacc: &mut [f64]) {
+        self.read_coords(&self.qacc, lane, qacc);
+    }
+
+    fn row(&self) -> usize {
+        Self::NQ + 2 * Self::NV + 1
+    }
+
+    fn save(&self, lane: usize, row: &mut [f64]) {
+        let (qpos, rest) = row.split_at_mut(Self::NQ);
+        let (qvel, rest) = rest.split_at_mut(Self::NV);
+        let (warm_start, rest) = rest.split_at_mut(Self::NV);
+        self.read_qpos(lane, qpos);
+        self.read_coords(&self.state.velocity, lane, qvel);
+        self.read_coords(&self.state.warm_start, lane, warm_start);
+        rest[0] = self.evaluated_x[lane];
+    }
+
+    fn load(&mut self, lane: usize, row: &[f64]) {
+        let (qpos, rest) = row.split_at(Self::NQ);
+        let (qvel, rest) = rest.split_at(Self::NV);
+        let (warm_start, rest) = rest.split_at(Self::NV);
+        self.set_qpos(lane, qpos);
+        self.state.velocity = self.coords(lane, self.state.velocity, qvel);
+        self.state.warm_start = self.coords(lane, self.state.warm_start, warm_start);
+        self.evaluated_x[lane] = rest[0];
+    }
+}
