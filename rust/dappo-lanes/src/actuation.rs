@@ -13,6 +13,13 @@ pub struct Actuation<T, const L: usize, const J: usize> {
     pub drag: [[T; J]; L],
 }
 
+impl<T: Lane, const L: usize, const J: usize> Actuation<T, L, J> {
+    pub fn zero() -> Self {
+        let zero = [[T::zero(); J]; L];
+        Self { force: zero, damping: zero, drag: zero }
+    }
+}
+
 #[inline(always)]
 pub fn actuation<T: Lane, const L: usize, const J: usize>(
     skeleton: &Skeleton<T, L, J>,
@@ -21,8 +28,7 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
     velocities: &[[T; J]; L],
     ctrl: &[[T; J]; L],
 ) -> Actuation<T, L, J> {
-    let zero = [[T::zero(); J]; L];
-    let mut out = Actuation { force: zero, damping: zero, drag: zero };
+    let mut out = Actuation::zero();
     for limb in 0..L {
         for joint in 0..J {
             let (link, shared) = (&constants.links[limb][joint], &skeleton.joints[limb][joint]);
@@ -36,10 +42,10 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
                 if shared.servo {
                     let [constant, stiffness, slope] = motor.bias;
                     let (length, speed) = (motor.gear * position, motor.gear * velocity);
-                    force = force + stiffness.mul_add(length, slope.mul_add(speed, constant));
+                    force += stiffness.mul_add(length, slope.mul_add(speed, constant));
                     // A saturated actuator does not answer to velocity.
                     let free = lowest.lt(force) & force.lt(highest);
-                    drag = drag - (motor.gear * motor.gear * slope).keep(free);
+                    drag -= (motor.gear * motor.gear * slope).keep(free);
                 }
                 force = motor.gear * force.clamp(lowest, highest);
             }

@@ -48,27 +48,22 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
         y
     }
 
-    /// Solves matrix · x = right for a positive definite matrix.
+    /// Solves matrix · x = right for a positive definite matrix; `x` comes as the right side. Destroys the
+    /// matrix.
     ///
     /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards and then the root, as
     /// MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
     #[inline(always)]
-    pub fn solve(&self, right: &Coords<T, L, J>) -> Coords<T, L, J> {
-        let one = T::of(1.0);
-        let mut root = self.root;
-        let mut x = *right;
-        let mut factors = [[[T::zero(); J]; J]; L];
-        let mut couplings = self.coupling;
-        let mut inverse_pivots = [[T::zero(); J]; L];
+    pub fn solve(&mut self, x: &mut Coords<T, L, J>) {
         for limb in 0..L {
-            let (block, coupling, y) = (&mut factors[limb], &mut couplings[limb], &mut x.limbs[limb]);
-            *block = self.limbs[limb];
+            let (block, coupling) = (&mut self.limbs[limb], &mut self.coupling[limb]);
+            let y = &mut x.limbs[limb];
             for joint in (0..J).rev() {
-                let inverse = one / block[joint][joint];
-                inverse_pivots[limb][joint] = inverse;
+                let inverse = T::of(1.0) / block[joint][joint];
+                block[joint][joint] = inverse;
                 for inner in 0..joint {
                     let factor = block[joint][inner] * inverse;
-                    for k in 0..=inner {
+                    for k in 0..inner + 1 {
                         block[inner][k] = factor.neg_mul_add(block[joint][k], block[inner][k]);
                     }
                     for i in 0..6 {
@@ -76,41 +71,50 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                     }
                     y[inner] = factor.neg_mul_add(y[joint], y[inner]);
                 }
-                for i in 0..6 {
-                    let factor = coupling[joint][i] * inverse;
-                    for j in 0..=i {
-                        root[i][j] = factor.neg_mul_add(coupling[joint][j], root[i][j]);
+            }
+            // All joints at once, so that every entry of the root is loaded and stored only once.
+            let (coupling, y) = (*coupling, *y);
+            for i in 0..6 {
+                let mut factors = [T::zero(); J];
+                for joint in 0..J {
+                    factors[joint] = coupling[joint][i] * block[joint][joint];
+                    x.root[i] = factors[joint].neg_mul_add(y[joint], x.root[i]);
+                }
+                for j in 0..i + 1 {
+                    let mut entry = self.root[i][j];
+                    for joint in 0..J {
+                        entry = factors[joint].neg_mul_add(coupling[joint][j], entry);
                     }
-                    x.root[i] = factor.neg_mul_add(y[joint], x.root[i]);
+                    self.root[i][j] = entry;
                 }
             }
         }
-        solve_dense(&mut root, &mut x.root);
+        solve_dense(&mut self.root, &mut x.root);
         for limb in 0..L {
             for joint in 0..J {
                 let mut sum = x.limbs[limb][joint];
                 for i in 0..6 {
-                    sum = couplings[limb][joint][i].neg_mul_add(x.root[i], sum);
+                    sum = self.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
                 }
                 for inner in 0..joint {
-                    sum = factors[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
+                    sum = self.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
                 }
-                x.limbs[limb][joint] = sum * inverse_pivots[limb][joint];
+                // The pivots were replaced by their inverses.
+                x.limbs[limb][joint] = sum * self.limbs[limb][joint][joint];
             }
         }
-        x
     }
 }
 
-/// Solves the root's dense 6 × 6 system in place.
+/// Solves the root's dense 6 × 6 system; `x` comes as the right side.
 #[inline(always)]
 fn solve_dense<T: Lane>(matrix: &mut [[T; 6]; 6], x: &mut [T; 6]) {
-    let mut inverse_pivots = [T::zero(); 6];
     for pivot in 0..6 {
-        inverse_pivots[pivot] = T::of(1.0) / matrix[pivot][pivot];
+        let inverse = T::of(1.0) / matrix[pivot][pivot];
+        matrix[pivot][pivot] = inverse;
         for i in pivot + 1..6 {
-            let factor = matrix[i][pivot] * inverse_pivots[pivot];
-            for j in pivot + 1..=i {
+            let factor = matrix[i][pivot] * inverse;
+            for j in pivot + 1..i + 1 {
                 matrix[i][j] = factor.neg_mul_add(matrix[j][pivot], matrix[i][j]);
             }
             x[i] = factor.neg_mul_add(x[pivot], x[i]);
@@ -121,6 +125,6 @@ fn solve_dense<T: Lane>(matrix: &mut [[T; 6]; 6], x: &mut [T; 6]) {
         for j in i + 1..6 {
             sum = matrix[j][i].neg_mul_add(x[j], sum);
         }
-        x[i] = sum * inverse_pivots[i];
+        x[i] = sum * matrix[i][i];
     }
 }

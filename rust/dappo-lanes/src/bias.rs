@@ -72,8 +72,8 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
         total_force = add(total_force, force);
         total_torque = add(total_torque, torque);
     }
-    forces.root[..3].copy_from_slice(&total_force);
-    forces.root[3..].copy_from_slice(&total_torque);
+    let ([x, y, z], [tx, ty, tz]) = (total_force, total_torque);
+    forces.root = [x, y, z, tx, ty, tz];
     forces
 }
 

@@ -20,7 +20,6 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub points: Vec<Carrier<T>>,
     pub bodies: usize,
     pub touch_sensors: usize,
-    pub actuators: usize,
 }
 
 /// The shared part of a [`Link`].
@@ -116,7 +115,6 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
             points: model.points.iter().map(shared_point).collect(),
             bodies: model.bodies,
             touch_sensors: model.touch_sensors,
-            actuators: model.actuators,
         })
     }
 }
@@ -126,9 +124,8 @@ fn difference(a: &Model, b: &Model) -> Option<&'static str> {
     let links = || a.limbs.iter().flatten().zip(b.limbs.iter().flatten());
     let points = || a.points.iter().zip(&b.points);
     let index = |link: &Link| link.actuator.map(|actuator| actuator.index);
-    let same_point = |(a, b): (&Point, &Point)| {
-        (a.link, a.body, a.touch, a.margin) == (b.link, b.body, b.touch, b.margin)
-    };
+    let same_point =
+        |(a, b): (&Point, &Point)| (a.link, a.body, a.touch, a.margin) == (b.link, b.body, b.touch, b.margin);
     [
         ("the integrator or its timestep", (a.timestep, a.integrator) == (b.timestep, b.integrator)),
         ("gravity", a.gravity == b.gravity),

@@ -5,7 +5,7 @@ use crate::constants::{Carrier, Constants, PointConstants, Skeleton};
 use crate::coords::Coords;
 use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
-use crate::math::{Axes, Vec3, add, cross, rotate, scale_add, sub, zero3};
+use crate::math::{Axes, Vec3, add, cross, rotate, scale_add, splat3, sub, zero3};
 
 /// One point that touches the floor in some lane.
 ///
@@ -66,14 +66,18 @@ impl<T: Lane, const J: usize> Contact<T, J> {
     /// Forces along n, μ t₁, μ t₂ at the solver's present point: −D · residual where an edge pushes.
     #[inline(always)]
     pub fn force(&self) -> Vec3<T> {
-        let f = Self::edges(self.residual).map(|residual| -(self.weight * residual.min(T::zero())));
+        let mut f = Self::edges(self.residual);
+        for edge in &mut f {
+            *edge = -(self.weight * edge.min(T::zero()));
+        }
         [(f[0] + f[1]) + (f[2] + f[3]), f[0] - f[1], f[2] - f[3]]
     }
 }
 
-/// Finds the contacts of all points, and the lanes in which there is any.
+/// Finds the contacts of all points, and the lanes in which there is any; `height` is the root's above the
+/// floor.
 #[inline(always)]
-pub fn contacts<T: Lane, const L: usize, const J: usize>(
+pub fn find_contacts<T: Lane, const L: usize, const J: usize>(
     skeleton: &Skeleton<T, L, J>,
     constants: &Constants<T, L, J>,
     kinematics: &Kinematics<T, L, J>,
@@ -83,7 +87,6 @@ pub fn contacts<T: Lane, const L: usize, const J: usize>(
 ) -> T::Mask {
     out.clear();
     let mut present = T::Mask::none();
-    let height = height - T::splat(skeleton.floor);
     for (index, (carrier, point)) in skeleton.points.iter().zip(&constants.points).enumerate() {
         let (axes, origin) = match carrier.link {
             None => (&kinematics.root, zero3()),
@@ -101,13 +104,13 @@ pub fn contacts<T: Lane, const L: usize, const J: usize>(
         }
         if let Some(corner) = carrier.corner {
             // MuJoCo takes the corners below the middle of a box and leaves out those above.
-            touching = touching & !T::zero().lt(rotate(axes, corner.map(T::splat))[2]);
+            touching = touching & !T::zero().lt(rotate(axes, splat3(corner))[2]);
         }
         present = present | touching;
         let center = add(origin, rotate(axes, point.position));
         // The contact lies midway between floor and surface.
         let at = [center[0], center[1], center[2] - point.radius - T::of(0.5) * distance];
-        let mut contact = Contact {
+        out.push(Contact {
             point: index,
             limb: carrier.link.map(|(limb, joint)| (limb, joint + 1)),
             at,
@@ -118,9 +121,10 @@ pub fn contacts<T: Lane, const L: usize, const J: usize>(
             residual: zero3(),
             slope: zero3(),
             active: [T::Mask::none(); 4],
-        };
-        soften(&mut contact, skeleton, carrier, point, distance, touching, velocity);
-        out.push(contact);
+        });
+        if let Some(contact) = out.last_mut() {
+            soften(contact, skeleton, carrier, point, distance, touching, velocity);
+        }
     }
     present
 }
@@ -131,7 +135,7 @@ fn tangent<T: Lane>(carrier: &Carrier<T>, point: &PointConstants<T>, axes: &Axes
     let Some(direction) = carrier.tangent else {
         return [T::zero(), point.friction];
     };
-    let along = rotate(axes, direction.map(T::splat));
+    let along = rotate(axes, splat3(direction));
     let length = along[0].mul_add(along[0], along[1] * along[1]).sqrt();
     // Upright: MuJoCo falls back on x.
     let upright = length.lt(T::of(1e-15));
@@ -147,7 +151,7 @@ fn columns<T: Lane, const L: usize, const J: usize>(
 ) -> [Vec3<T>; J] {
     let mut columns = [zero3(); J];
     if let Some((limb, last)) = carrier.link {
-        for joint in 0..=last {
+        for joint in 0..last + 1 {
             columns[joint] = kinematics.links[limb][joint].velocity_at(at);
         }
     }

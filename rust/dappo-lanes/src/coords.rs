@@ -26,48 +26,93 @@ impl<T: Lane, const L: usize, const J: usize> Coords<T, L, J> {
     /// The same vector with other angular entries.
     #[inline(always)]
     pub fn with_angular(mut self, angular: [T; 3]) -> Self {
-        self.root[3..].copy_from_slice(&angular);
+        [self.root[3], self.root[4], self.root[5]] = angular;
         self
     }
 
+    /// self ← −self where the mask is true, 0 elsewhere.
     #[inline(always)]
-    pub fn map(mut self, f: impl Fn(T) -> T) -> Self {
-        for entry in self.entries_mut() {
-            *entry = f(*entry);
-        }
-        self
+    pub fn negate(&mut self, mask: T::Mask) {
+        self.for_each(
+            #[inline(always)]
+            |entry| *entry = (-*entry).keep(mask),
+        );
     }
 
+    /// self ← self where the mask is true, 0 elsewhere.
     #[inline(always)]
-    pub fn zip(mut self, other: &Self, f: impl Fn(T, T) -> T) -> Self {
-        for (entry, &other) in self.entries_mut().zip(other.entries()) {
-            *entry = f(*entry, other);
-        }
-        self
+    pub fn keep(&mut self, mask: T::Mask) {
+        self.for_each(
+            #[inline(always)]
+            |entry| *entry = entry.keep(mask),
+        );
     }
 
-    /// self · factor + addend.
+    /// self ← self − other.
     #[inline(always)]
-    pub fn scale_add(self, factor: T, addend: &Self) -> Self {
-        self.zip(addend, |entry, addend| entry.mul_add(factor, addend))
+    pub fn subtract(&mut self, other: &Self) {
+        self.for_each_pair(
+            other,
+            #[inline(always)]
+            |entry, other| *entry -= other,
+        );
+    }
+
+    /// self ← self + factor · other.
+    #[inline(always)]
+    pub fn add_scaled(&mut self, factor: T, other: &Self) {
+        self.for_each_pair(
+            other,
+            #[inline(always)]
+            |entry, other| *entry = other.mul_add(factor, *entry),
+        );
+    }
+
+    /// self ← other where the mask is true.
+    #[inline(always)]
+    pub fn replace(&mut self, mask: T::Mask, other: &Self) {
+        self.for_each_pair(
+            other,
+            #[inline(always)]
+            |entry, other| *entry = T::select(mask, other, *entry),
+        );
     }
 
     #[inline(always)]
     pub fn dot(&self, other: &Self) -> T {
         let mut sum = T::zero();
-        for (&a, &b) in self.entries().zip(other.entries()) {
-            sum = a.mul_add(b, sum);
+        for i in 0..6 {
+            sum = self.root[i].mul_add(other.root[i], sum);
+        }
+        for limb in 0..L {
+            for joint in 0..J {
+                sum = self.limbs[limb][joint].mul_add(other.limbs[limb][joint], sum);
+            }
         }
         sum
     }
 
     #[inline(always)]
-    pub fn entries(&self) -> impl Iterator<Item = &T> {
-        self.root.iter().chain(self.limbs.as_flattened())
+    fn for_each(&mut self, mut visit: impl FnMut(&mut T)) {
+        for i in 0..6 {
+            visit(&mut self.root[i]);
+        }
+        for limb in 0..L {
+            for joint in 0..J {
+                visit(&mut self.limbs[limb][joint]);
+            }
+        }
     }
 
     #[inline(always)]
-    pub fn entries_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        self.root.iter_mut().chain(self.limbs.as_flattened_mut())
+    fn for_each_pair(&mut self, other: &Self, mut visit: impl FnMut(&mut T, T)) {
+        for i in 0..6 {
+            visit(&mut self.root[i], other.root[i]);
+        }
+        for limb in 0..L {
+            for joint in 0..J {
+                visit(&mut self.limbs[limb][joint], other.limbs[limb][joint]);
+            }
+        }
     }
 }

@@ -1,99 +1,129 @@
 //! Forward dynamics: from positions, velocities and controls to accelerations and contact forces.
 //! (Documentation: Computation, "Forward dynamics"; `mj_forward`.)
 
-use crate::actuation::actuation;
+use crate::actuation::{Actuation, actuation};
 use crate::arrow::Arrow;
 use crate::bias::bias;
 use crate::constants::{Constants, Skeleton};
-use crate::contact::{Contact, contacts};
+use crate::contact::{Contact, find_contacts};
 use crate::coords::Coords;
-use crate::inertia::{center, mass_matrix, tensors};
-use crate::kinematics::kinematics;
+use crate::inertia::{Tensors, center, mass_matrix};
+use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
-use crate::limit::limits;
-use crate::math::{Axes, Vec3, quat_axes, quat_normalize, rotate, unrotate};
+use crate::limit::Limits;
+use crate::math::{Vec3, rotate, unrotate, zero3};
 use crate::solver::Problem;
 use crate::state::State;
 
-/// What an evaluation leaves besides the contacts.
-pub struct Dynamics<T, const L: usize, const J: usize> {
-    /// Axes of the root.
-    pub root: Axes<T>,
+/// An evaluation of the dynamics. Large, so it is made once and then updated.
+pub struct Dynamics<T: Lane, const L: usize, const J: usize> {
+    pub kinematics: Kinematics<T, L, J>,
+    tensors: Tensors<T, L, J>,
     /// Mass matrix; angular entries along the world's axes.
-    pub mass: Arrow<T, L, J>,
+    mass: Arrow<T, L, J>,
     /// Centre of mass of the robot, from the root's origin.
     pub center: Vec3<T>,
+    pub actuation: Actuation<T, L, J>,
+    /// Contacts with their forces.
+    pub contacts: Vec<Contact<T, J>>,
+    limits: Limits<T, L, J>,
+    /// A matrix that is being factorised.
+    work: Arrow<T, L, J>,
     /// Acceleration; angular entries along the world's axes.
-    pub acceleration: Coords<T, L, J>,
-    /// −∂force/∂velocity of each joint, through damping alone and with actuators.
-    pub damping: [[T; J]; L],
-    /// See `damping`.
-    pub drag: [[T; J]; L],
+    acceleration: Coords<T, L, J>,
 }
 
 impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
+    /// Room for the evaluation of a robot.
+    pub fn new(skeleton: &Skeleton<T, L, J>) -> Self {
+        Self {
+            kinematics: Kinematics::zero(),
+            tensors: Tensors::zero(),
+            mass: Arrow::zero(),
+            center: zero3(),
+            actuation: Actuation::zero(),
+            contacts: Vec::with_capacity(skeleton.points.len()),
+            limits: Limits::none(),
+            work: Arrow::zero(),
+            acceleration: Coords::zero(),
+        }
+    }
+
+    /// Evaluates the dynamics of a state.
+    #[inline(always)]
+    pub fn update(
+        &mut self,
+        skeleton: &Skeleton<T, L, J>,
+        constants: &Constants<T, L, J>,
+        state: &State<T, L, J>,
+        ctrl: &[[T; J]; L],
+    ) {
+        let position = &state.position;
+        self.kinematics.update(skeleton, constants, position);
+        let velocity = self.to_world(&state.velocity);
+        self.tensors.update(constants, &self.kinematics);
+        let robot = mass_matrix(constants, &self.kinematics, &self.tensors, &mut self.mass);
+        self.center = center(&robot);
+
+        let mut smooth = bias(skeleton, constants, &self.kinematics, &self.tensors, &velocity);
+        smooth.negate(!T::Mask::none());
+        self.actuation = actuation(skeleton, constants, &position.joints, &velocity.limbs, ctrl);
+        for limb in 0..L {
+            for joint in 0..J {
+                smooth.limbs[limb][joint] += self.actuation.force[limb][joint];
+            }
+        }
+        self.work = self.mass;
+        self.work.solve(&mut smooth);
+
+        let height = position.root[2] - T::splat(skeleton.floor);
+        let touching =
+            find_contacts(skeleton, constants, &self.kinematics, height, &velocity, &mut self.contacts);
+        self.limits.update(skeleton, constants, &position.joints, &velocity.limbs);
+        let present = touching | self.limits.present;
+        self.acceleration = smooth;
+        if present.any() {
+            let guess = self.to_world(&state.warm_start);
+            let mut problem = Problem {
+                mass: &self.mass,
+                contacts: &mut self.contacts,
+                limits: &mut self.limits,
+                hessian: &mut self.work,
+                present,
+            };
+            self.acceleration = problem.solve(&smooth, &guess, constants.solver_scale);
+        }
+    }
+
     /// The acceleration as qacc has it: angular entries along the root's axes.
     #[inline(always)]
     pub fn qacc(&self) -> Coords<T, L, J> {
-        self.acceleration.with_angular(unrotate(&self.root, self.acceleration.angular()))
+        self.to_root(&self.acceleration)
     }
 
     /// Acceleration, as qacc, of a step that treats a part of the forces implicitly in velocity:
     /// (M + h·drag)⁻¹ M a (documentation: Computation, "Numerical integration").
     #[inline(always)]
-    pub fn implicit_qacc(&self, drag: &[[T; J]; L], timestep: T) -> Coords<T, L, J> {
-        let mut matrix = self.mass;
+    pub fn implicit_qacc(&mut self, drag: &[[T; J]; L], timestep: T) -> Coords<T, L, J> {
+        let mut acceleration = self.mass.mul(&self.acceleration);
+        self.work = self.mass;
         for limb in 0..L {
             for joint in 0..J {
-                let entry = &mut matrix.limbs[limb][joint][joint];
+                let entry = &mut self.work.limbs[limb][joint][joint];
                 *entry = timestep.mul_add(drag[limb][joint], *entry);
             }
         }
-        let acceleration = matrix.solve(&self.mass.mul(&self.acceleration));
-        acceleration.with_angular(unrotate(&self.root, acceleration.angular()))
+        self.work.solve(&mut acceleration);
+        self.to_root(&acceleration)
     }
-}
 
-/// Evaluates the dynamics of a state; `found` receives the contacts with their forces.
-#[inline(always)]
-pub fn forward<T: Lane, const L: usize, const J: usize>(
-    skeleton: &Skeleton<T, L, J>,
-    constants: &Constants<T, L, J>,
-    state: &State<T, L, J>,
-    ctrl: &[[T; J]; L],
-    found: &mut Vec<Contact<T, J>>,
-) -> Dynamics<T, L, J> {
-    let position = &state.position;
-    let root = quat_axes(quat_normalize(position.rotation));
-    let velocity = state.velocity.with_angular(rotate(&root, state.velocity.angular()));
-
-    let kinematics = kinematics(skeleton, constants, root, position);
-    let tensors = tensors(constants, &kinematics);
-    let (mass, robot) = mass_matrix(constants, &kinematics, &tensors);
-    let bias = bias(skeleton, constants, &kinematics, &tensors, &velocity);
-    let actuation = actuation(skeleton, constants, &position.joints, &velocity.limbs, ctrl);
-    let mut force = bias.map(|entry| -entry);
-    for (entry, &push) in force.limbs.as_flattened_mut().iter_mut().zip(actuation.force.as_flattened()) {
-        *entry += push;
+    #[inline(always)]
+    fn to_world(&self, coords: &Coords<T, L, J>) -> Coords<T, L, J> {
+        coords.with_angular(rotate(&self.kinematics.root, coords.angular()))
     }
-    let smooth = mass.solve(&force);
 
-    let touching = contacts(skeleton, constants, &kinematics, position.root[2], &velocity, found);
-    let mut limits = limits(skeleton, constants, &position.joints, &velocity.limbs);
-    let present = touching | limits.present;
-    let acceleration = if present.any() {
-        let guess = state.warm_start.with_angular(rotate(&root, state.warm_start.angular()));
-        let mut problem = Problem { mass: &mass, contacts: found, limits: &mut limits, present };
-        problem.solve(&smooth, &guess, constants.solver_scale)
-    } else {
-        smooth
-    };
-    Dynamics {
-        root,
-        mass,
-        center: center(&robot),
-        acceleration,
-        damping: actuation.damping,
-        drag: actuation.drag,
+    #[inline(always)]
+    fn to_root(&self, coords: &Coords<T, L, J>) -> Coords<T, L, J> {
+        coords.with_angular(unrotate(&self.kinematics.root, coords.angular()))
     }
 }

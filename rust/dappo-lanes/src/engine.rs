@@ -5,9 +5,9 @@ use std::sync::Arc;
 use crate::constants::Skeleton;
 use crate::group::Group;
 use crate::lane::Lane;
+use crate::lane::portable;
 #[cfg(target_arch = "x86_64")]
 use crate::lane::{avx2, avx512};
-use crate::lane::portable;
 use crate::model::Model;
 use crate::worlds::{Robot, Worlds};
 
@@ -121,9 +121,9 @@ impl Engine {
         let model = classes.first().ok_or_else(|| Unsupported("there is no damage class".into()))?;
         let limbs = model.limbs.len();
         let joints = model.limbs.first().map_or(0, Vec::len);
-        let even = classes.iter().all(|class| {
-            class.limbs.len() == limbs && class.limbs.iter().all(|limb| limb.len() == joints)
-        });
+        let even = classes
+            .iter()
+            .all(|class| class.limbs.len() == limbs && class.limbs.iter().all(|limb| limb.len() == joints));
         match (limbs, joints) {
             _ if !even => Err(Unsupported("its limbs differ in their number of joints".into())),
             (4, 2) => Self::shaped::<T, 4, 2>(classes),

@@ -2,8 +2,8 @@
 
 use crate::constants::Skeleton;
 use crate::contact::{Contact, wrench};
+use crate::dynamics::Dynamics;
 use crate::lane::Lane;
-use crate::math::Vec3;
 
 /// Forces of one evaluation.
 pub struct Forces<T> {
@@ -23,15 +23,14 @@ impl<T: Lane> Forces<T> {
     pub fn set_bodies<const L: usize, const J: usize>(
         &mut self,
         skeleton: &Skeleton<T, L, J>,
-        contacts: &[Contact<T, J>],
-        center: Vec3<T>,
+        dynamics: &Dynamics<T, L, J>,
         mask: T::Mask,
     ) {
-        for body in &mut self.bodies {
-            *body = body.map(|entry| T::select(mask, T::zero(), entry));
+        for entry in self.bodies.as_flattened_mut() {
+            *entry = T::select(mask, T::zero(), *entry);
         }
-        for contact in contacts {
-            let (force, torque) = wrench(contact, center);
+        for contact in &dynamics.contacts {
+            let (force, torque) = wrench(contact, dynamics.center);
             let body = &mut self.bodies[skeleton.points[contact.point].body];
             for i in 0..3 {
                 body[i] += torque[i].keep(mask);

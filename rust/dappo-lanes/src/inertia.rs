@@ -6,7 +6,7 @@ use crate::constants::{Body, Constants};
 use crate::kinematics::Kinematics;
 use crate::lane::Lane;
 use crate::math::{
-    Axes, Sym3, Vec3, add, add_point_mass, cross, dot, scale, scale_add, sym_mul, sym_rotate, zero3,
+    Sym3, Vec3, add, add_point_mass, cross, dot, scale, scale_add, sym_mul, sym_rotate, zero3,
 };
 
 /// Several rigid bodies moved as one: mass, first moment and inertia about the root's origin.
@@ -59,30 +59,31 @@ pub struct Tensors<T, const L: usize, const J: usize> {
     pub links: [[Sym3<T>; J]; L],
 }
 
-#[inline(always)]
-pub fn tensors<T: Lane, const L: usize, const J: usize>(
-    constants: &Constants<T, L, J>,
-    kinematics: &Kinematics<T, L, J>,
-) -> Tensors<T, L, J> {
-    let turned = |axes: &Axes<T>, body: &Body<T>| sym_rotate(axes, &body.tensor);
-    Tensors {
-        root: turned(&kinematics.root, &constants.root),
-        links: std::array::from_fn(|limb| {
-            std::array::from_fn(|joint| {
-                turned(&kinematics.links[limb][joint].axes, &constants.links[limb][joint].body)
-            })
-        }),
+impl<T: Lane, const L: usize, const J: usize> Tensors<T, L, J> {
+    pub fn zero() -> Self {
+        Self { root: [T::zero(); 6], links: [[[T::zero(); 6]; J]; L] }
+    }
+
+    #[inline(always)]
+    pub fn update(&mut self, constants: &Constants<T, L, J>, kinematics: &Kinematics<T, L, J>) {
+        self.root = sym_rotate(&kinematics.root, &constants.root.tensor);
+        for limb in 0..L {
+            for joint in 0..J {
+                let tensor = &constants.links[limb][joint].body.tensor;
+                self.links[limb][joint] = sym_rotate(&kinematics.links[limb][joint].axes, tensor);
+            }
+        }
     }
 }
 
-/// The mass matrix, armature included, and the robot as one body.
+/// Fills the mass matrix, armature included, and returns the robot as one body.
 #[inline(always)]
 pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
     constants: &Constants<T, L, J>,
     kinematics: &Kinematics<T, L, J>,
     tensors: &Tensors<T, L, J>,
-) -> (Arrow<T, L, J>, Composite<T>) {
-    let mut matrix = Arrow::zero();
+    matrix: &mut Arrow<T, L, J>,
+) -> Composite<T> {
     let mut robot = Composite::nothing();
     robot.add_body(&constants.root, kinematics.root_com, &tensors.root);
     for limb in 0..L {
@@ -92,9 +93,8 @@ pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
             let (link, pose) = (&constants.links[limb][joint], &links[joint]);
             outer.add_body(&link.body, pose.com, &tensors.links[limb][joint]);
             let (force, torque) = outer.wrench(pose.hinge(), pose.sweep);
-            matrix.coupling[limb][joint][..3].copy_from_slice(&force);
-            matrix.coupling[limb][joint][3..].copy_from_slice(&torque);
-            for inner in 0..=joint {
+            matrix.coupling[limb][joint] = [force[0], force[1], force[2], torque[0], torque[1], torque[2]];
+            for inner in 0..joint + 1 {
                 matrix.limbs[limb][joint][inner] =
                     dot(links[inner].hinge(), torque) + dot(links[inner].sweep, force);
             }
@@ -103,29 +103,23 @@ pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
         robot.add(&outer);
     }
     root_block(&mut matrix.root, &robot);
-    (matrix, robot)
+    robot
 }
 
 /// The lower triangle of [m·1, ·; [c]ₓ, I] with the robot's mass, first moment c and inertia.
 #[inline(always)]
 fn root_block<T: Lane>(root: &mut [[T; 6]; 6], robot: &Composite<T>) {
-    for (i, row) in root.iter_mut().enumerate().take(3) {
-        row[i] = robot.mass;
-    }
+    let (zero, mass) = (T::zero(), robot.mass);
     let [x, y, z] = robot.moment;
-    root[3][1] = -z;
-    root[3][2] = y;
-    root[4][0] = z;
-    root[4][2] = -x;
-    root[5][0] = -y;
-    root[5][1] = x;
     let [xx, yy, zz, xy, xz, yz] = robot.inertia;
-    root[3][3] = xx;
-    root[4][4] = yy;
-    root[5][5] = zz;
-    root[4][3] = xy;
-    root[5][3] = xz;
-    root[5][4] = yz;
+    *root = [
+        [mass, zero, zero, zero, zero, zero],
+        [zero, mass, zero, zero, zero, zero],
+        [zero, zero, mass, zero, zero, zero],
+        [zero, -z, y, xx, zero, zero],
+        [z, zero, -x, xy, yy, zero],
+        [-y, x, zero, xz, yz, zz],
+    ];
 }
 
 /// Centre of mass of a composite, from the root's origin.

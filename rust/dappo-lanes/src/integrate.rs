@@ -2,36 +2,28 @@
 //! (Documentation: Computation, "Numerical integration".)
 
 use crate::constants::{Constants, Skeleton};
-use crate::contact::Contact;
 use crate::coords::Coords;
-use crate::dynamics::{Dynamics, forward};
+use crate::dynamics::Dynamics;
 use crate::lane::{Lane, Mask};
-use crate::math::{
-    Vec3, cross, dot, polynomial, quat_mul, quat_normalize, scale, scale_add, sin_cos,
-};
+use crate::math::{Vec3, cross, dot, polynomial, quat_mul, quat_normalize, scale, scale_add, sin_cos};
 use crate::model::Integrator;
 use crate::state::{Position, State};
 
-/// Everything a substep reads, and the contacts of its last evaluation.
+/// Everything a substep reads, and its last evaluation.
 pub struct Substep<'a, T: Lane, const L: usize, const J: usize> {
     pub skeleton: &'a Skeleton<T, L, J>,
     pub constants: &'a Constants<T, L, J>,
     pub ctrl: &'a [[T; J]; L],
-    pub contacts: &'a mut Vec<Contact<T, J>>,
+    pub dynamics: &'a mut Dynamics<T, L, J>,
 }
 
 /// Who listens to the evaluations of a substep.
 pub trait Observer<T: Lane, const L: usize, const J: usize> {
     /// The first evaluation, in the state before the substep.
-    fn first(&mut self, contacts: &[Contact<T, J>]);
+    fn first(&mut self, dynamics: &Dynamics<T, L, J>);
 
     /// The last evaluation, in `position`.
-    fn last(
-        &mut self,
-        contacts: &[Contact<T, J>],
-        dynamics: &Dynamics<T, L, J>,
-        position: &Position<T, L, J>,
-    );
+    fn last(&mut self, dynamics: &Dynamics<T, L, J>, position: &Position<T, L, J>);
 }
 
 impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
@@ -42,31 +34,33 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
             Integrator::Rk4 { rotation_correction } => {
                 self.runge_kutta(state, rotation_correction, observer);
             }
-            Integrator::Euler => self.euler(state, |dynamics| dynamics.damping, observer),
-            Integrator::ImplicitFast => self.euler(state, |dynamics| dynamics.drag, observer),
+            Integrator::Euler | Integrator::ImplicitFast => self.euler(state, observer),
         }
     }
 
     /// One evaluation: a function of its own, since several stages call it.
     #[inline(always)]
-    pub fn forward(&mut self, state: &State<T, L, J>) -> Dynamics<T, L, J> {
-        T::run(|| forward(self.skeleton, self.constants, state, self.ctrl, self.contacts))
+    pub fn forward(&mut self, state: &State<T, L, J>) {
+        let Self { skeleton, constants, ctrl, dynamics } = self;
+        T::run(
+            #[inline(always)]
+            || dynamics.update(skeleton, constants, state, ctrl),
+        );
     }
 
     #[inline(always)]
-    fn euler(
-        &mut self,
-        state: &mut State<T, L, J>,
-        drag: impl Fn(&Dynamics<T, L, J>) -> [[T; J]; L],
-        observer: &mut impl Observer<T, L, J>,
-    ) {
+    fn euler(&mut self, state: &mut State<T, L, J>, observer: &mut impl Observer<T, L, J>) {
         let timestep = T::of(self.skeleton.timestep);
-        let dynamics = self.forward(state);
-        observer.first(self.contacts);
-        observer.last(self.contacts, &dynamics, &state.position);
-        state.warm_start = dynamics.qacc();
-        let acceleration = dynamics.implicit_qacc(&drag(&dynamics), timestep);
-        state.velocity = acceleration.scale_add(timestep, &state.velocity);
+        self.forward(state);
+        observer.first(self.dynamics);
+        observer.last(self.dynamics, &state.position);
+        state.warm_start = self.dynamics.qacc();
+        let drag = match self.skeleton.integrator {
+            Integrator::ImplicitFast => self.dynamics.actuation.drag,
+            _ => self.dynamics.actuation.damping,
+        };
+        let acceleration = self.dynamics.implicit_qacc(&drag, timestep);
+        state.velocity.add_scaled(timestep, &acceleration);
         state.position = moved(&state.position, &state.velocity, timestep);
     }
 
@@ -90,26 +84,28 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
             if index > 0 {
                 let part = T::of(timestep * at);
                 state.position = moved(&begin.position, &rate, part);
-                state.velocity = acceleration.scale_add(part, &begin.velocity);
+                state.velocity = begin.velocity;
+                state.velocity.add_scaled(part, &acceleration);
                 let turn = scale(rate.angular(), part);
                 rate = state.velocity;
                 if rotation_correction {
                     rate = rate.with_angular(rotation_vector_rate(turn, rate.angular()));
                 }
             }
-            let dynamics = self.forward(state);
-            acceleration = dynamics.qacc();
+            self.forward(state);
+            acceleration = self.dynamics.qacc();
             state.warm_start = acceleration;
-            mean_velocity = rate.scale_add(T::of(weight), &mean_velocity);
-            mean_acceleration = acceleration.scale_add(T::of(weight), &mean_acceleration);
+            mean_velocity.add_scaled(T::of(weight), &rate);
+            mean_acceleration.add_scaled(T::of(weight), &acceleration);
             if index == 0 {
-                observer.first(self.contacts);
+                observer.first(self.dynamics);
             } else if index == 3 {
-                observer.last(self.contacts, &dynamics, &state.position);
+                observer.last(self.dynamics, &state.position);
             }
         }
         state.position = moved(&begin.position, &mean_velocity, T::of(timestep));
-        state.velocity = mean_acceleration.scale_add(T::of(timestep), &begin.velocity);
+        state.velocity = begin.velocity;
+        state.velocity.add_scaled(T::of(timestep), &mean_acceleration);
     }
 }
 
@@ -122,8 +118,10 @@ fn moved<T: Lane, const L: usize, const J: usize>(
 ) -> Position<T, L, J> {
     let linear = [velocity.root[0], velocity.root[1], velocity.root[2]];
     let mut joints = position.joints;
-    for (joint, &rate) in joints.as_flattened_mut().iter_mut().zip(velocity.limbs.as_flattened()) {
-        *joint = rate.mul_add(time, *joint);
+    for limb in 0..L {
+        for joint in 0..J {
+            joints[limb][joint] = velocity.limbs[limb][joint].mul_add(time, joints[limb][joint]);
+        }
     }
     Position {
         root: scale_add(linear, time, position.root),

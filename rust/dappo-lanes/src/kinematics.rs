@@ -3,7 +3,9 @@
 
 use crate::constants::{Constants, Skeleton};
 use crate::lane::Lane;
-use crate::math::{Axes, Vec3, add, cross, rotate, scale, scale_add, sin_cos, sub};
+use crate::math::{
+    Axes, Vec3, add, cross, quat_axes, quat_normalize, rotate, scale, scale_add, sin_cos, splat3, sub, zero3,
+};
 use crate::state::Position;
 
 /// The frames of all links.
@@ -40,33 +42,40 @@ impl<T: Lane> LinkPose<T> {
     }
 }
 
-#[inline(always)]
-pub fn kinematics<T: Lane, const L: usize, const J: usize>(
-    skeleton: &Skeleton<T, L, J>,
-    constants: &Constants<T, L, J>,
-    root: Axes<T>,
-    position: &Position<T, L, J>,
-) -> Kinematics<T, L, J> {
-    let links = std::array::from_fn(|limb| {
-        let (mut parent, mut anchor) = (root, [T::zero(); 3]);
-        std::array::from_fn(|joint| {
-            let (shared, link) = (&skeleton.joints[limb][joint], &constants.links[limb][joint]);
-            anchor = add(anchor, rotate(&parent, link.offset));
-            let still = shared.axes.map(|axis| rotate(&parent, axis.map(T::splat)));
-            let (sin, cos) = sin_cos(position.joints[limb][joint] - T::splat(shared.zero));
-            let axes = [
-                scale_add(still[1], sin, scale(still[0], cos)),
-                scale_add(still[0], -sin, scale(still[1], cos)),
-                still[2],
-            ];
-            parent = axes;
-            LinkPose {
-                axes,
-                anchor,
-                com: add(anchor, rotate(&axes, link.body.com)),
-                sweep: cross(anchor, axes[2]),
+impl<T: Lane, const L: usize, const J: usize> Kinematics<T, L, J> {
+    pub fn zero() -> Self {
+        let axes = [zero3(); 3];
+        let pose = LinkPose { axes, anchor: zero3(), com: zero3(), sweep: zero3() };
+        Self { root: axes, root_com: zero3(), links: [[pose; J]; L] }
+    }
+
+    #[inline(always)]
+    pub fn update(
+        &mut self,
+        skeleton: &Skeleton<T, L, J>,
+        constants: &Constants<T, L, J>,
+        position: &Position<T, L, J>,
+    ) {
+        self.root = quat_axes(quat_normalize(position.rotation));
+        self.root_com = rotate(&self.root, constants.root.com);
+        for limb in 0..L {
+            let (mut parent, mut anchor) = (self.root, zero3());
+            for joint in 0..J {
+                let (shared, link) = (&skeleton.joints[limb][joint], &constants.links[limb][joint]);
+                let pose = &mut self.links[limb][joint];
+                anchor = add(anchor, rotate(&parent, link.offset));
+                let x = rotate(&parent, splat3(shared.axes[0]));
+                let y = rotate(&parent, splat3(shared.axes[1]));
+                let hinge = rotate(&parent, splat3(shared.axes[2]));
+                let (sin, cos) = sin_cos(position.joints[limb][joint] - T::splat(shared.zero));
+                let turned_x = scale_add(y, sin, scale(x, cos));
+                let turned_y = scale_add(x, -sin, scale(y, cos));
+                parent = [turned_x, turned_y, hinge];
+                pose.axes = parent;
+                pose.anchor = anchor;
+                pose.com = add(anchor, rotate(&parent, link.body.com));
+                pose.sweep = cross(anchor, hinge);
             }
-        })
-    });
-    Kinematics { root, root_com: rotate(&root, constants.root.com), links }
+        }
+    }
 }

@@ -4,6 +4,10 @@
 //! [`Model`]. An [`Engine`] holds its damage classes and makes [`Group`]s of worlds, one world a lane. An
 //! evaluation of the dynamics goes through the modules in the order in which they are listed here.
 
+#![allow(clippy::inline_always, reason = "what is not inlined is not compiled for the instruction set")]
+#![allow(clippy::needless_range_loop, reason = "an index runs over several arrays at once, as in formulas")]
+#![allow(clippy::range_plus_one, reason = "loops over inclusive ranges do not unroll")]
+
 mod kinematics;
 
 mod inertia;

@@ -30,51 +30,59 @@ pub struct Limit<T: Lane> {
     pub active: T::Mask,
 }
 
-#[inline(always)]
-pub fn limits<T: Lane, const L: usize, const J: usize>(
-    skeleton: &Skeleton<T, L, J>,
-    constants: &Constants<T, L, J>,
-    positions: &[[T; J]; L],
-    velocities: &[[T; J]; L],
-) -> Limits<T, L, J> {
-    let (zero, one) = (T::zero(), T::of(1.0));
-    let absent = Limit {
-        somewhere: false,
-        sign: zero,
-        weight: zero,
-        reference: zero,
-        residual: zero,
-        slope: zero,
-        active: T::Mask::none(),
-    };
-    let softness = &skeleton.limit;
-    let mut out = Limits { rows: [[absent; J]; L], present: T::Mask::none() };
-    for limb in 0..L {
-        for joint in 0..J {
-            let link = &constants.links[limb][joint];
-            let (below, above) =
-                (positions[limb][joint] - link.range[0], link.range[1] - positions[limb][joint]);
-            let lower = below.lt(above);
-            let distance =
-                T::select(lower, below, above) - T::splat(skeleton.joints[limb][joint].margin);
-            let near = distance.lt(zero);
-            if !near.any() {
-                continue;
-            }
-            let sign = T::select(lower, one, -one);
-            let impedance = softness.at(distance.abs());
-            let pull = T::splat(softness.stiffness) * impedance * distance;
-            let reference =
-                -(T::splat(softness.damping) * sign * velocities[limb][joint]) - pull;
-            out.present = out.present | near;
-            out.rows[limb][joint] = Limit {
-                somewhere: true,
-                sign: sign.keep(near),
-                weight: (impedance / ((one - impedance) * link.inverse_weight)).keep(near),
-                reference,
-                ..absent
-            };
+impl<T: Lane> Limit<T> {
+    fn absent() -> Self {
+        let zero = T::zero();
+        Self {
+            somewhere: false,
+            sign: zero,
+            weight: zero,
+            reference: zero,
+            residual: zero,
+            slope: zero,
+            active: T::Mask::none(),
         }
     }
-    out
+}
+
+impl<T: Lane, const L: usize, const J: usize> Limits<T, L, J> {
+    pub fn none() -> Self {
+        Self { rows: [[Limit::absent(); J]; L], present: T::Mask::none() }
+    }
+
+    /// Finds the limits that push.
+    #[inline(always)]
+    pub fn update(
+        &mut self,
+        skeleton: &Skeleton<T, L, J>,
+        constants: &Constants<T, L, J>,
+        positions: &[[T; J]; L],
+        velocities: &[[T; J]; L],
+    ) {
+        let (zero, one) = (T::zero(), T::of(1.0));
+        let softness = &skeleton.limit;
+        self.present = T::Mask::none();
+        for limb in 0..L {
+            for joint in 0..J {
+                let (link, row) = (&constants.links[limb][joint], &mut self.rows[limb][joint]);
+                let (position, velocity) = (positions[limb][joint], velocities[limb][joint]);
+                let (below, above) = (position - link.range[0], link.range[1] - position);
+                let lower = below.lt(above);
+                let margin = T::splat(skeleton.joints[limb][joint].margin);
+                let distance = T::select(lower, below, above) - margin;
+                let near = distance.lt(zero);
+                row.somewhere = near.any();
+                if !row.somewhere {
+                    continue;
+                }
+                let sign = T::select(lower, one, -one);
+                let impedance = softness.at(distance.abs());
+                let pull = T::splat(softness.stiffness) * impedance * distance;
+                row.sign = sign.keep(near);
+                row.weight = (impedance / ((one - impedance) * link.inverse_weight)).keep(near);
+                row.reference = -(T::splat(softness.damping) * sign * velocity) - pull;
+                self.present = self.present | near;
+            }
+        }
+    }
 }

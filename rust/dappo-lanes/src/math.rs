@@ -16,6 +16,12 @@ pub fn zero3<T: Lane>() -> Vec3<T> {
     [T::zero(); 3]
 }
 
+/// The same vector in every lane.
+#[inline(always)]
+pub fn splat3<T: Lane>(v: [T::Scalar; 3]) -> Vec3<T> {
+    [T::splat(v[0]), T::splat(v[1]), T::splat(v[2])]
+}
+
 #[inline(always)]
 pub fn add<T: Lane>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
@@ -80,10 +86,20 @@ pub fn sym_mul<T: Lane>(m: &Sym3<T>, v: Vec3<T>) -> Vec3<T> {
 pub fn sym_rotate<T: Lane>(axes: &Axes<T>, m: &Sym3<T>) -> Sym3<T> {
     let rows = rows(m);
     let half = [rotate(axes, rows[0]), rotate(axes, rows[1]), rotate(axes, rows[2])];
-    let entry = |i: usize, j: usize| {
-        half[2][i].mul_add(axes[2][j], half[1][i].mul_add(axes[1][j], half[0][i] * axes[0][j]))
-    };
-    [entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)]
+    [
+        half_dot(&half, axes, 0, 0),
+        half_dot(&half, axes, 1, 1),
+        half_dot(&half, axes, 2, 2),
+        half_dot(&half, axes, 0, 1),
+        half_dot(&half, axes, 0, 2),
+        half_dot(&half, axes, 1, 2),
+    ]
+}
+
+/// Entry (i, j) of Σ aₖ bₖᵀ.
+#[inline(always)]
+fn half_dot<T: Lane>(a: &Axes<T>, b: &Axes<T>, i: usize, j: usize) -> T {
+    a[2][i].mul_add(b[2][j], a[1][i].mul_add(b[1][j], a[0][i] * b[0][j]))
 }
 
 /// Adds the inertia about the origin of a point mass at `at`: m (|at|² 1 − at atᵀ).
@@ -185,7 +201,7 @@ pub fn quat_mul<T: Lane>(a: [T; 4], b: [T; 4]) -> [T; 4] {
 pub fn quat_normalize<T: Lane>(q: [T; 4]) -> [T; 4] {
     let square = q[3].mul_add(q[3], q[2].mul_add(q[2], q[1].mul_add(q[1], q[0] * q[0])));
     let inverse = T::of(1.0) / square.sqrt();
-    q.map(|entry| entry * inverse)
+    [q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse]
 }
 
 /// The axes of the frame that a unit quaternion turns the world's axes into.

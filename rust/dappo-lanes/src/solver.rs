@@ -20,6 +20,8 @@ pub struct Problem<'a, T: Lane, const L: usize, const J: usize> {
     pub mass: &'a Arrow<T, L, J>,
     pub contacts: &'a mut [Contact<T, J>],
     pub limits: &'a mut Limits<T, L, J>,
+    /// Room for the Hessian.
+    pub hessian: &'a mut Arrow<T, L, J>,
     /// Lanes with at least one constraint; the others keep the smooth acceleration.
     pub present: T::Mask,
 }
@@ -33,29 +35,28 @@ struct Point<T, const L: usize, const J: usize> {
 impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     /// The acceleration under constraints; contacts and limits keep its residuals.
     #[inline(always)]
-    pub fn solve(
-        &mut self,
-        smooth: &Coords<T, L, J>,
-        guess: &Coords<T, L, J>,
-        scale: T,
-    ) -> Coords<T, L, J> {
+    pub fn solve(&mut self, smooth: &Coords<T, L, J>, guess: &Coords<T, L, J>, scale: T) -> Coords<T, L, J> {
         let mut point = self.start(smooth, guess);
         let tolerance = T::of(if T::DOUBLE { 1e-14 } else { 1e-9 });
         let mut live = self.present;
         for _ in 0..MAX_ITERATIONS {
-            let (gradient, hessian) = self.derivatives(&point.momentum);
-            let step = hessian.solve(&gradient);
+            if !live.any() {
+                break;
+            }
+            let gradient = self.derivatives(&point.momentum);
+            let mut step = gradient;
+            self.hessian.solve(&mut step);
             let decrement = step.dot(&gradient);
             live = live & !(T::of(0.5) * scale * decrement).lt(tolerance);
             if !live.any() {
                 break;
             }
-            let step = step.map(|entry| (-entry).keep(live));
+            step.negate(live);
             let mass_step = self.mass.mul(&step);
             self.prepare_search(&step);
             let (length, exact) = self.search(&point.momentum, &step, &mass_step, decrement, live);
-            point.acceleration = step.scale_add(length, &point.acceleration);
-            point.momentum = mass_step.scale_add(length, &point.momentum);
+            point.acceleration.add_scaled(length, &step);
+            point.momentum.add_scaled(length, &mass_step);
             self.advance(length);
             live = live & !exact;
         }
@@ -66,23 +67,20 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn start(&mut self, smooth: &Coords<T, L, J>, guess: &Coords<T, L, J>) -> Point<T, L, J> {
         let half = T::of(0.5);
-        let distance = guess.zip(smooth, |guess, smooth| guess - smooth);
-        let momentum = self.mass.mul(&distance);
+        let mut distance = *guess;
+        distance.subtract(smooth);
+        let mut momentum = self.mass.mul(&distance);
         let mut guess_cost = half * momentum.dot(&distance);
         let mut smooth_cost = T::zero();
-        let square = |residual: T| {
-            let negative = residual.min(T::zero());
-            negative * negative
-        };
         for contact in self.contacts.iter_mut() {
             contact.residual = sub(contact.along(guess), contact.reference);
             contact.slope = sub(contact.along(smooth), contact.reference);
             let half_weight = half * contact.weight;
             for residual in Contact::<T, J>::edges(contact.residual) {
-                guess_cost = half_weight.mul_add(square(residual), guess_cost);
+                guess_cost = half_weight.mul_add(negative_square(residual), guess_cost);
             }
             for residual in Contact::<T, J>::edges(contact.slope) {
-                smooth_cost = half_weight.mul_add(square(residual), smooth_cost);
+                smooth_cost = half_weight.mul_add(negative_square(residual), smooth_cost);
             }
         }
         for limb in 0..L {
@@ -94,8 +92,8 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
                 limit.residual = limit.sign * guess.limbs[limb][joint] - limit.reference;
                 limit.slope = limit.sign * smooth.limbs[limb][joint] - limit.reference;
                 let half_weight = half * limit.weight;
-                guess_cost = half_weight.mul_add(square(limit.residual), guess_cost);
-                smooth_cost = half_weight.mul_add(square(limit.slope), smooth_cost);
+                guess_cost = half_weight.mul_add(negative_square(limit.residual), guess_cost);
+                smooth_cost = half_weight.mul_add(negative_square(limit.slope), smooth_cost);
             }
         }
 
@@ -106,20 +104,23 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             }
         }
         for limit in self.limits.rows.as_flattened_mut() {
-            limit.residual = T::select(use_guess, limit.residual, limit.slope);
+            if limit.somewhere {
+                limit.residual = T::select(use_guess, limit.residual, limit.slope);
+            }
         }
-        Point {
-            acceleration: guess.zip(smooth, |guess, smooth| T::select(use_guess, guess, smooth)),
-            momentum: momentum.map(|entry| entry.keep(use_guess)),
-        }
+        momentum.keep(use_guess);
+        let mut acceleration = *smooth;
+        acceleration.replace(use_guess, guess);
+        Point { acceleration, momentum }
     }
 
-    /// Gradient M (a − a₀) + Jᵀ D r and Hessian M + Jᵀ D J over the rows that push.
+    /// Gradient M (a − a₀) + Jᵀ D r; fills the Hessian M + Jᵀ D J, both over the rows that push.
     #[inline(always)]
-    fn derivatives(&mut self, momentum: &Coords<T, L, J>) -> (Coords<T, L, J>, Arrow<T, L, J>) {
-        let (mut gradient, mut hessian) = (*momentum, *self.mass);
+    fn derivatives(&mut self, momentum: &Coords<T, L, J>) -> Coords<T, L, J> {
+        let mut gradient = *momentum;
+        *self.hessian = *self.mass;
         for contact in self.contacts.iter_mut() {
-            add_contact(contact, &mut gradient, &mut hessian);
+            add_contact(contact, &mut gradient, self.hessian);
         }
         for limb in 0..L {
             for joint in 0..J {
@@ -129,11 +130,11 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
                     let weight = limit.weight.keep(limit.active);
                     let entry = &mut gradient.limbs[limb][joint];
                     *entry = (weight * limit.residual).mul_add(limit.sign, *entry);
-                    hessian.limbs[limb][joint][joint] += weight;
+                    self.hessian.limbs[limb][joint][joint] += weight;
                 }
             }
         }
-        (gradient, hessian)
+        gradient
     }
 
     /// Slopes of all residuals along the step.
@@ -145,7 +146,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         for limb in 0..L {
             for joint in 0..J {
                 let limit = &mut self.limits.rows[limb][joint];
-                limit.slope = limit.sign * step.limbs[limb][joint];
+                if limit.somewhere {
+                    limit.slope = limit.sign * step.limbs[limb][joint];
+                }
             }
         }
     }
@@ -229,9 +232,18 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             contact.residual = scale_add(contact.slope, length, contact.residual);
         }
         for limit in self.limits.rows.as_flattened_mut() {
-            limit.residual = limit.slope.mul_add(length, limit.residual);
+            if limit.somewhere {
+                limit.residual = limit.slope.mul_add(length, limit.residual);
+            }
         }
     }
+}
+
+/// r² of a row that pushes, 0 otherwise.
+#[inline(always)]
+fn negative_square<T: Lane>(residual: T) -> T {
+    let negative = residual.min(T::zero());
+    negative * negative
 }
 
 /// Adds a contact's force to the gradient and its stiffness to the Hessian.
@@ -245,12 +257,12 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
 ) {
     let zero = T::zero();
     let residuals = Contact::<T, J>::edges(contact.residual);
-    let mut weights = [zero; 4];
+    let (mut weights, mut f) = ([zero; 4], [zero; 4]);
     for edge in 0..4 {
         contact.active[edge] = residuals[edge].lt(zero);
         weights[edge] = contact.weight.keep(contact.active[edge]);
+        f[edge] = weights[edge] * residuals[edge];
     }
-    let f: [T; 4] = std::array::from_fn(|edge| weights[edge] * residuals[edge]);
     let force = contact.world([(f[0] + f[1]) + (f[2] + f[3]), f[0] - f[1], f[2] - f[3]]);
     let torque = cross(contact.at, force);
     for i in 0..3 {
@@ -260,16 +272,17 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
 
     let stiffness = world_stiffness(contact.tangent, weights);
     // [1; r×] W [1, −r×]: lower triangle of the root's block.
-    let lower = stiffness.map(|column| cross(contact.at, column));
+    let lower =
+        [cross(contact.at, stiffness[0]), cross(contact.at, stiffness[1]), cross(contact.at, stiffness[2])];
     for i in 0..3 {
-        for j in 0..=i {
+        for j in 0..i + 1 {
             hessian.root[i][j] += stiffness[i][j];
         }
         for j in 0..3 {
             hessian.root[3 + i][j] += lower[j][i];
         }
         let turned = cross(contact.at, [lower[0][i], lower[1][i], lower[2][i]]);
-        for j in 0..=i {
+        for j in 0..i + 1 {
             hessian.root[3 + i][3 + j] += turned[j];
         }
     }
@@ -278,7 +291,7 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
     };
     for joint in 0..joints {
         let column = contact.columns[joint];
-        let pushed = stiffness.map(|row| dot(row, column));
+        let pushed = [dot(stiffness[0], column), dot(stiffness[1], column), dot(stiffness[2], column)];
         let turned = cross(contact.at, pushed);
         gradient.limbs[limb][joint] += dot(column, force);
         let coupling = &mut hessian.coupling[limb][joint];
@@ -286,7 +299,7 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
             coupling[i] += pushed[i];
             coupling[3 + i] += turned[i];
         }
-        for inner in 0..=joint {
+        for inner in 0..joint + 1 {
             hessian.limbs[limb][joint][inner] += dot(contact.columns[inner], pushed);
         }
     }

@@ -30,19 +30,20 @@ impl<T: Lane, const L: usize, const J: usize> State<T, L, J> {
         Self { position, velocity: Coords::zero(), warm_start: Coords::zero() }
     }
 
-    /// This state where the mask is true, another elsewhere.
+    /// self ← other where the mask is true.
     #[inline(always)]
-    pub fn select(mut self, mask: T::Mask, other: &Self) -> Self {
-        let choose = |own: &mut [T], other: &[T]| {
-            for (own, &other) in own.iter_mut().zip(other) {
-                *own = T::select(mask, *own, other);
-            }
-        };
-        choose(&mut self.position.root, &other.position.root);
-        choose(&mut self.position.rotation, &other.position.rotation);
-        choose(self.position.joints.as_flattened_mut(), other.position.joints.as_flattened());
-        self.velocity = self.velocity.zip(&other.velocity, |own, other| T::select(mask, own, other));
-        self.warm_start = self.warm_start.zip(&other.warm_start, |own, other| T::select(mask, own, other));
-        self
+    pub fn replace(&mut self, mask: T::Mask, other: &Self) {
+        replace(mask, &mut self.position.root, &other.position.root);
+        replace(mask, &mut self.position.rotation, &other.position.rotation);
+        replace(mask, self.position.joints.as_flattened_mut(), other.position.joints.as_flattened());
+        self.velocity.replace(mask, &other.velocity);
+        self.warm_start.replace(mask, &other.warm_start);
+    }
+}
+
+#[inline(always)]
+fn replace<T: Lane>(mask: T::Mask, own: &mut [T], other: &[T]) {
+    for (own, &other) in own.iter_mut().zip(other) {
+        *own = T::select(mask, other, *own);
     }
 }

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use crate::constants::{Constants, Skeleton};
-use crate::contact::Contact;
 use crate::coords::Coords;
 use crate::dynamics::Dynamics;
 use crate::forces::Forces;
@@ -46,22 +45,17 @@ struct Recorder<'a, T: Lane, const L: usize, const J: usize> {
 
 impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_, T, L, J> {
     #[inline(always)]
-    fn first(&mut self, contacts: &[Contact<T, J>]) {
+    fn first(&mut self, dynamics: &Dynamics<T, L, J>) {
         if self.listening {
             // MuJoCo evaluates sensors before the integrator's further stages.
-            self.forces.set_touch(self.skeleton, contacts, self.mask);
+            self.forces.set_touch(self.skeleton, &dynamics.contacts, self.mask);
         }
     }
 
     #[inline(always)]
-    fn last(
-        &mut self,
-        contacts: &[Contact<T, J>],
-        dynamics: &Dynamics<T, L, J>,
-        position: &Position<T, L, J>,
-    ) {
+    fn last(&mut self, dynamics: &Dynamics<T, L, J>, position: &Position<T, L, J>) {
         if self.listening {
-            self.forces.set_bodies(self.skeleton, contacts, dynamics.center, self.mask);
+            self.forces.set_bodies(self.skeleton, dynamics, self.mask);
             *self.qacc = dynamics.qacc();
             self.x = position.root[0];
         }
@@ -143,37 +137,23 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     }
 }
 
-/// Rust evaluates these for all lanes at once.
+/// What is compiled for the instruction set.
 impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     #[inline(always)]
-    fn forward_lanes(&mut self, mask: T::Mask) {
+    fn forward_lanes(&mut self, mask: T::Mask, dynamics: &mut Dynamics<T, L, J>) {
         let skeleton = &self.robot.skeleton;
-        let mut contacts = Vec::with_capacity(skeleton.points.len());
-        let mut substep = Substep {
-            skeleton,
-            constants: &self.constants,
-            ctrl: &self.ctrl,
-            contacts: &mut contacts,
-        };
-        let dynamics = substep.forward(&self.state);
+        dynamics.update(skeleton, &self.constants, &self.state, &self.ctrl);
         let qacc = dynamics.qacc();
-        let choose = |new, old| T::select(mask, new, old);
-        self.qacc = qacc.zip(&self.qacc, choose);
-        self.state.warm_start = qacc.zip(&self.state.warm_start, choose);
-        self.forces.set_touch(skeleton, &contacts, mask);
-        self.forces.set_bodies(skeleton, &contacts, dynamics.center, mask);
+        self.qacc.replace(mask, &qacc);
+        self.state.warm_start.replace(mask, &qacc);
+        self.forces.set_touch(skeleton, &dynamics.contacts, mask);
+        self.forces.set_bodies(skeleton, dynamics, mask);
     }
 
     #[inline(always)]
-    fn step_lanes(&mut self, mask: T::Mask, substeps: usize) -> T {
+    fn step_lanes(&mut self, mask: T::Mask, substeps: usize, dynamics: &mut Dynamics<T, L, J>) -> T {
         let skeleton = &self.robot.skeleton;
-        let mut contacts = Vec::with_capacity(skeleton.points.len());
-        let mut substep = Substep {
-            skeleton,
-            constants: &self.constants,
-            ctrl: &self.ctrl,
-            contacts: &mut contacts,
-        };
+        let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
         let mut recorder = Recorder {
             skeleton,
             forces: &mut self.forces,
@@ -188,7 +168,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
             substep.advance(&mut state, &mut recorder);
         }
         let x = recorder.x;
-        self.state = state.select(mask, &self.state);
+        self.state.replace(mask, &state);
         x
     }
 }
@@ -221,11 +201,19 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
     }
 
     fn forward(&mut self, lanes: u32) {
-        T::run(|| self.forward_lanes(T::Mask::from_bits(lanes)));
+        let mut dynamics = Box::new(Dynamics::new(&self.robot.skeleton));
+        T::run(
+            #[inline(always)]
+            || self.forward_lanes(T::Mask::from_bits(lanes), &mut dynamics),
+        );
     }
 
     fn step(&mut self, lanes: u32, substeps: usize) {
-        let x = T::run(|| self.step_lanes(T::Mask::from_bits(lanes), substeps));
+        let mut dynamics = Box::new(Dynamics::new(&self.robot.skeleton));
+        let x = T::run(
+            #[inline(always)]
+            || self.step_lanes(T::Mask::from_bits(lanes), substeps, &mut dynamics),
+        );
         for lane in (0..T::WIDTH).filter(|lane| lanes >> lane & 1 == 1) {
             self.evaluated_x[lane] = self.origin[lane][0] + x.get(lane);
             for axis in 0..2 {

@@ -3,6 +3,7 @@
 // SAFETY of every block in this file: values of these types are made only by an engine for `Simd::Avx2`,
 // which exists only on processors that have these instructions (see `engine::Engine::new`).
 #![expect(clippy::undocumented_unsafe_blocks, reason = "one reason for all, given above")]
+#![expect(clippy::wildcard_imports, reason = "as the documentation of the intrinsics does")]
 
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
@@ -180,6 +181,7 @@ macro_rules! avx2_lane {
             }
             #[inline(always)]
             fn run<R>(function: impl FnOnce() -> R) -> R {
+                #[inline(never)]
                 #[target_feature(enable = "avx2,fma,bmi1,bmi2")]
                 fn compiled<R>(function: impl FnOnce() -> R) -> R {
                     function()
@@ -191,14 +193,56 @@ macro_rules! avx2_lane {
 }
 
 avx2_lane!(
-    F32x8, Mask8, __m256, f32, 8, false, u32,
-    _mm256_set1_ps, _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps, _mm256_div_ps, _mm256_fmadd_ps,
-    _mm256_fnmadd_ps, _mm256_sqrt_ps, _mm256_min_ps, _mm256_max_ps, _mm256_andnot_ps, _mm256_round_ps,
-    _mm256_cmp_ps, _mm256_blendv_ps, _mm256_and_ps, _mm256_or_ps, _mm256_xor_ps, _mm256_movemask_ps
+    F32x8,
+    Mask8,
+    __m256,
+    f32,
+    8,
+    false,
+    u32,
+    _mm256_set1_ps,
+    _mm256_add_ps,
+    _mm256_sub_ps,
+    _mm256_mul_ps,
+    _mm256_div_ps,
+    _mm256_fmadd_ps,
+    _mm256_fnmadd_ps,
+    _mm256_sqrt_ps,
+    _mm256_min_ps,
+    _mm256_max_ps,
+    _mm256_andnot_ps,
+    _mm256_round_ps,
+    _mm256_cmp_ps,
+    _mm256_blendv_ps,
+    _mm256_and_ps,
+    _mm256_or_ps,
+    _mm256_xor_ps,
+    _mm256_movemask_ps
 );
 avx2_lane!(
-    F64x4, Mask4, __m256d, f64, 4, true, u64,
-    _mm256_set1_pd, _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd, _mm256_fmadd_pd,
-    _mm256_fnmadd_pd, _mm256_sqrt_pd, _mm256_min_pd, _mm256_max_pd, _mm256_andnot_pd, _mm256_round_pd,
-    _mm256_cmp_pd, _mm256_blendv_pd, _mm256_and_pd, _mm256_or_pd, _mm256_xor_pd, _mm256_movemask_pd
+    F64x4,
+    Mask4,
+    __m256d,
+    f64,
+    4,
+    true,
+    u64,
+    _mm256_set1_pd,
+    _mm256_add_pd,
+    _mm256_sub_pd,
+    _mm256_mul_pd,
+    _mm256_div_pd,
+    _mm256_fmadd_pd,
+    _mm256_fnmadd_pd,
+    _mm256_sqrt_pd,
+    _mm256_min_pd,
+    _mm256_max_pd,
+    _mm256_andnot_pd,
+    _mm256_round_pd,
+    _mm256_cmp_pd,
+    _mm256_blendv_pd,
+    _mm256_and_pd,
+    _mm256_or_pd,
+    _mm256_xor_pd,
+    _mm256_movemask_pd
 );

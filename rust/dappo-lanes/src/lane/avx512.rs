@@ -3,6 +3,7 @@
 // SAFETY of every block in this file: values of these types are made only by an engine for `Simd::Avx512`,
 // which exists only on processors that have these instructions (see `engine::Engine::new`).
 #![expect(clippy::undocumented_unsafe_blocks, reason = "one reason for all, given above")]
+#![expect(clippy::wildcard_imports, reason = "as the documentation of the intrinsics does")]
 
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};
@@ -184,6 +185,7 @@ macro_rules! avx512_lane {
             }
             #[inline(always)]
             fn run<R>(function: impl FnOnce() -> R) -> R {
+                #[inline(never)]
                 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma,bmi1,bmi2")]
                 fn compiled<R>(function: impl FnOnce() -> R) -> R {
                     function()
@@ -195,14 +197,46 @@ macro_rules! avx512_lane {
 }
 
 avx512_lane!(
-    F32x16, __m512, f32, 16, false, Mask16,
-    _mm512_set1_ps, _mm512_add_ps, _mm512_sub_ps, _mm512_mul_ps, _mm512_div_ps, _mm512_fmadd_ps,
-    _mm512_fnmadd_ps, _mm512_sqrt_ps, _mm512_min_ps, _mm512_max_ps, _mm512_abs_ps, _mm512_roundscale_ps,
-    _mm512_cmp_ps_mask, _mm512_mask_blend_ps
+    F32x16,
+    __m512,
+    f32,
+    16,
+    false,
+    Mask16,
+    _mm512_set1_ps,
+    _mm512_add_ps,
+    _mm512_sub_ps,
+    _mm512_mul_ps,
+    _mm512_div_ps,
+    _mm512_fmadd_ps,
+    _mm512_fnmadd_ps,
+    _mm512_sqrt_ps,
+    _mm512_min_ps,
+    _mm512_max_ps,
+    _mm512_abs_ps,
+    _mm512_roundscale_ps,
+    _mm512_cmp_ps_mask,
+    _mm512_mask_blend_ps
 );
 avx512_lane!(
-    F64x8, __m512d, f64, 8, true, Mask8,
-    _mm512_set1_pd, _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd, _mm512_div_pd, _mm512_fmadd_pd,
-    _mm512_fnmadd_pd, _mm512_sqrt_pd, _mm512_min_pd, _mm512_max_pd, _mm512_abs_pd, _mm512_roundscale_pd,
-    _mm512_cmp_pd_mask, _mm512_mask_blend_pd
+    F64x8,
+    __m512d,
+    f64,
+    8,
+    true,
+    Mask8,
+    _mm512_set1_pd,
+    _mm512_add_pd,
+    _mm512_sub_pd,
+    _mm512_mul_pd,
+    _mm512_div_pd,
+    _mm512_fmadd_pd,
+    _mm512_fnmadd_pd,
+    _mm512_sqrt_pd,
+    _mm512_min_pd,
+    _mm512_max_pd,
+    _mm512_abs_pd,
+    _mm512_roundscale_pd,
+    _mm512_cmp_pd_mask,
+    _mm512_mask_blend_pd
 );

@@ -184,7 +184,11 @@ macro_rules! portable_lane {
             }
             #[inline(always)]
             fn run<R>(function: impl FnOnce() -> R) -> R {
-                function()
+                #[inline(never)]
+                fn compiled<R>(function: impl FnOnce() -> R) -> R {
+                    function()
+                }
+                compiled(function)
             }
         }
     };
