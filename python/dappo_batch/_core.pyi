@@ -14,6 +14,7 @@ __all__ = [
     "DamageClass",
     "DamageSpace",
     "DappoError",
+    "LaneWorlds",
     "ShapeError",
     "SimulationError",
     "VectorEnv",
@@ -73,6 +74,8 @@ class VectorEnv:
         class_weights: NDArray[np.float64] | None = None,
         onset: tuple[int, int] = ...,
         threads: int | None = None,
+        backend: str = "auto",
+        precision: str = "f32",
     ) -> VectorEnv: ...
     @property
     def num_envs(self) -> int: ...
@@ -84,6 +87,10 @@ class VectorEnv:
     def num_threads(self) -> int: ...
     @property
     def backend(self) -> str: ...
+    @property
+    def backend_note(self) -> str: ...
+    @property
+    def precision(self) -> str: ...
     def reset(
         self,
         *,
@@ -122,5 +129,33 @@ class VectorEnv:
     def final_damage_onset(self) -> NDArray[np.int64]: ...
     @property
     def final_forward_velocity(self) -> NDArray[np.float64]: ...
+
+@final
+class LaneWorlds:
+    """The bare lane engine: N worlds, each with its own damage class, without episodes."""
+
+    def __new__(
+        cls,
+        table: ClassTable,
+        classes: NDArray[np.int64],
+        precision: str = "f64",
+        simd: str | None = None,
+    ) -> LaneWorlds: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def simd(self) -> str: ...
+    @property
+    def precision(self) -> str: ...
+    def forward(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], ctrl: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+    def step(
+        self,
+        qpos: NDArray[np.float64],
+        qvel: NDArray[np.float64],
+        ctrl: NDArray[np.float64],
+        substeps: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 def run_cli(argv: Sequence[str]) -> int: ...

@@ -23,9 +23,11 @@ from typing import Any, Literal
 import numpy as np
 
 from dappo_batch import mujoco_library
+from dappo_batch._core import LaneWorlds
 from dappo_batch.bench.machine import cores, cpu_flags, cpu_name
 from dappo_batch.class_table import compile_class_table
 from dappo_batch.envs import make_vec
+from dappo_batch.envs.simulation import Backend
 
 __all__ = ["Check", "diagnose", "main"]
 
@@ -61,6 +63,7 @@ class _Extra:
     install: str
 
 
+_BACKENDS: tuple[Backend, ...] = ("mujoco", "lanes")
 _EXTRAS = (
     _Extra("imageio", "videos and pictures", "pip install imageio"),
     _Extra("imageio-ffmpeg", "videos as mp4", "pip install imageio-ffmpeg"),
@@ -130,19 +133,24 @@ def _version(package: str) -> str:
 
 
 def _self_test() -> str:
-    """Compile the Ant's classes and take ten steps with four of them."""
+    """Compile the Ant's classes and take ten steps with four of them on each backend."""
     table = compile_class_table("ant")
-    envs = make_vec(table, num_envs=4, seed=0)
-    try:
-        obs, _ = envs.reset(seed=0)
-        rng = np.random.default_rng(0)
-        for _ in range(10):
-            obs, rewards, _, _, _ = envs.step(rng.uniform(-1.0, 1.0, envs.action_space.shape))
-            if not (np.isfinite(obs).all() and np.isfinite(rewards).all()):
-                raise ArithmeticError("an observation or a reward is not a finite number")
-    finally:
-        envs.close()
-    return f"{len(table.models)} damage classes of the Ant compiled, 10 steps of 4 envs taken"
+    for backend in _BACKENDS:
+        envs = make_vec(table, num_envs=4, seed=0, backend=backend)
+        try:
+            envs.reset(seed=0)
+            rng = np.random.default_rng(0)
+            for _ in range(10):
+                obs, rewards, _, _, _ = envs.step(rng.uniform(-1.0, 1.0, envs.action_space.shape))
+                if not (np.isfinite(obs).all() and np.isfinite(rewards).all()):
+                    raise ArithmeticError(f"{backend}: an observation or a reward is not a finite number")
+        finally:
+            envs.close()
+    simd = LaneWorlds(table, np.zeros(1, dtype=np.int64)).simd
+    return (
+        f"{len(table.models)} damage classes of the Ant compiled, 10 steps of 4 envs taken with mujoco and"
+        f" with lanes ({simd})"
+    )
 
 
 def _core_checks() -> list[Check]:

@@ -22,9 +22,9 @@ MODES = pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mo
 ROBOTS = pytest.mark.parametrize("robot", ["ant", "hexapod"])
 
 
-def single_envs(table: ClassTable, mode: AutoresetMode) -> SyncVectorEnv:
+def single_envs(table: ClassTable, mode: AutoresetMode, backend: str = "auto") -> SyncVectorEnv:
     def make() -> DamageEnv:
-        return DamageEnv(table, **OPTIONS)
+        return DamageEnv(table, backend=backend, **OPTIONS)
 
     makers: list[Callable[[], gymnasium.Env]] = [make] * NUM_ENVS
     return SyncVectorEnv(makers, autoreset_mode=mode)
@@ -37,10 +37,11 @@ def test_the_native_env_equals_a_sync_vector_env_of_single_envs_bit_for_bit(
     nervous_tables: dict[str, ClassTable],
     robot: str,
     mode: AutoresetMode,
+    backend: str,
 ) -> None:
     table = nervous_tables[robot]
-    native = dappo_batch.make_vec(table, NUM_ENVS, autoreset=mode, **OPTIONS)
-    reference = single_envs(table, mode)
+    native = dappo_batch.make_vec(table, NUM_ENVS, autoreset=mode, backend=backend, **OPTIONS)
+    reference = single_envs(table, mode, backend)
     assert native.metadata == reference.metadata | {"render_modes": []}
     rng = np.random.default_rng(1)
     terminations = truncations = 0
@@ -63,10 +64,10 @@ def test_the_native_env_equals_a_sync_vector_env_of_single_envs_bit_for_bit(
 
 @MODES
 def test_resetting_chosen_envs_in_mid_episode_equals_a_sync_vector_env(
-    assert_identical: Callable[..., None], ant_table: ClassTable, mode: AutoresetMode
+    assert_identical: Callable[..., None], ant_table: ClassTable, mode: AutoresetMode, backend: str
 ) -> None:
-    native = dappo_batch.make_vec(ant_table, NUM_ENVS, autoreset=mode, **OPTIONS)
-    reference = single_envs(ant_table, mode)
+    native = dappo_batch.make_vec(ant_table, NUM_ENVS, autoreset=mode, backend=backend, **OPTIONS)
+    reference = single_envs(ant_table, mode, backend)
     assert_identical(native.reset(seed=5), reference.reset(seed=5))
     rng = np.random.default_rng(2)
     for step in range(1, 40):

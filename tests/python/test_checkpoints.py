@@ -85,6 +85,11 @@ CASES: dict[str, tuple[Callable[[Path], None], str, str]] = {
         "00000004/learner.toml",
         "[8], expected [9]",
     ),
+    "another backend": (
+        edit_config(('backend = "lanes"', 'backend = "mujoco"')),
+        "00000004",
+        "numbers each, this backend has 4 envs with",
+    ),
     "another number of envs": (
         edit_config(("num_envs = 4", "num_envs = 5")),
         "00000004",

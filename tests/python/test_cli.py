@@ -16,6 +16,7 @@ from dappo_batch._core import DamageSpace, run_cli
 from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+TRIPOD = str(Path(__file__).parent / "robots" / "tripod.toml")
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +55,13 @@ BAD_USAGE = [
     (("train", "--threads", "0"), 2, ["'0'", "--threads", "at least 1"]),
     (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "cpu"]),
     (("train", "--physics", "verlet"), 2, ["'verlet'", "rk4", "euler"]),
+    (("train", "--backend", "brax"), 2, ["'brax'", "--backend", "auto, lanes, mujoco"]),
+    (("train", "--precision", "f16"), 2, ["'f16'", "--precision", "f32, f64"]),
     (("train", "--resume", "somewhere", "--envs", "8"), 2, ["--resume", "--envs"]),
     (("train", "--resume", "somewhere", "--backend", "mujoco"), 2, ["--resume", "--backend"]),
+    (("train", "--resume", "somewhere", "--precision", "f64"), 2, ["--resume", "--precision"]),
+    (("evaluate", "somewhere", "--backend", "brax"), 2, ["'brax'", "--backend"]),
+    (("evaluate", "somewhere", "--precision", "f16"), 2, ["'f16'", "--precision"]),
     (("evaluate", "somewhere", "--episodes", "0"), 2, ["'0'", "--episodes", "at least 1"]),
     (("evaluate",), 2, ["<RUN>"]),
     (("train", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod", ".toml"]),
@@ -66,6 +72,14 @@ BAD_USAGE = [
     (("train", "--set", "seed"), 1, ["`seed` is no assignment", "key=value"]),
     (("train", "--set", "damage.severity=2"), 1, ["`damage.severity` is 2", "at most 1"]),
     (("train", "--set", "total_steps=0"), 1, ["`total_steps` is 0", "at least 1"]),
+    (("train", "--set", "env.backend=brax"), 1, ["`brax`", "`auto`, `lanes`, `mujoco`"]),
+    (("train", "--set", "env.precision=f16"), 1, ["`f16`", "`f32` or `f64`"]),
+    (("train", "--set", "evaluation.precision=f16"), 1, ["`f16`", "`f32` or `f64`"]),
+    (
+        ("train", "--robot", TRIPOD, "--backend", "lanes"),
+        1,
+        ["lane engine cannot simulate", "sphere, capsule or box"],
+    ),
     (("train", "--set", "ppo.preset=papre"), 1, ["papre", "paper", "batch"]),
     (("train", "--set", "damage.max_damaged_limbs=5"), 1, ["5", "4 limbs"]),
     (("train", "--reward", "gold"), 1, ["`gold`", "gym", "paper"]),

@@ -33,8 +33,6 @@ SMALLER = {
     "--seconds": "0.05",
     "--rounds": "1",
 }
-# Names of contenders in tables of `bench`, not commands.
-CONTENDERS = {"copy", "damaged"}
 SMALL_TRAINING = (
     "--set horizon=16 env.max_episode_steps=20 evaluation.episodes=1 ppo.epochs=1 ppo.value_epochs=1"
 )
@@ -141,8 +139,6 @@ def test_every_command_and_option_that_a_page_names_exists(page: Path) -> None:
     shell = "\n".join(block.text for block in blocks(page) if block.language == "sh")
     spans = "\n".join(re.findall(r"`([^`\n]+)`", FENCE.sub("", text)))
     for command, rest in COMMAND.findall(f"{shell}\n{spans}"):
-        if command in CONTENDERS:
-            continue
         if command:
             known = re.findall(r"^  ([a-z]+) ", help_of(""), re.MULTILINE)
             assert command in known, f"no command {command}"

@@ -19,7 +19,9 @@ WORLD_FORCES = slice(27, 33)  # after qpos[2:] (13) and qvel (14); Ant-v5 leaves
 
 def same_start(seed: int, upward_velocity: float = 0.0) -> tuple[gymnasium.Env, gymnasium.Env]:
     """Return our healthy Ant and Ant-v5 in the same state."""
-    ours = gymnasium.make("dappo_batch/Ant-v0", damage="healthy", reward="gym", observe_damage=False)
+    ours = gymnasium.make(
+        "dappo_batch/Ant-v0", damage="healthy", reward="gym", observe_damage=False, backend="mujoco"
+    )
     theirs = gymnasium.make("Ant-v5")
     ours.reset(seed=seed)
     theirs.reset(seed=seed)

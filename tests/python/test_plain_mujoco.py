@@ -1,4 +1,4 @@
-"""Every env of a mixed vector env does what plain MuJoCo does with that class's compiled model."""
+"""With the backend `mujoco`, every env does what plain MuJoCo does with its class's compiled model."""
 
 from __future__ import annotations
 
@@ -89,7 +89,8 @@ class PlainRobot:
 def mixed_envs(table: ClassTable, **options: Any) -> tuple[dappo_batch.DamageVectorEnv, list[PlainRobot]]:  # noqa: ANN401
     """Return one env per damage class and plain MuJoCo robots in the same states."""
     count = len(table.models)
-    envs = dappo_batch.make_vec(table, count, autoreset="disabled", seed=0, **options)
+    options |= {"autoreset": "disabled", "seed": 0, "backend": "mujoco"}
+    envs = dappo_batch.make_vec(table, count, **options)
     envs.reset(options={"damage_class": np.arange(count)})
     robots = [PlainRobot(table, index) for index in range(count)]
     for robot, qpos, qvel in zip(robots, *envs.get_state(), strict=True):
@@ -157,9 +158,10 @@ def test_damage_in_mid_episode_switches_the_model_exactly_at_its_step(table: Cla
     assert ended.mean() < 0.5
 
 
-def test_a_toe_that_is_gone_feels_no_touch(hexapod_table: ClassTable) -> None:
+def test_a_toe_that_is_gone_feels_no_touch(hexapod_table: ClassTable, backend: str) -> None:
     specs = ["healthy", *(f"missing_toe@{limb}" for limb in range(6))]
-    envs = dappo_batch.make_vec(hexapod_table, 7, autoreset="disabled", seed=0, observe_damage=False)
+    options: dict[str, Any] = {"autoreset": "disabled", "seed": 0, "observe_damage": False}
+    envs = dappo_batch.make_vec(hexapod_table, 7, backend=backend, **options)
     envs.reset(options={"damage_class": specs})
     actions = np.zeros(envs.action_space.shape, dtype=np.float32)
     touched = np.zeros((7, 6), dtype=np.bool_)
@@ -174,8 +176,11 @@ def test_a_toe_that_is_gone_feels_no_touch(hexapod_table: ClassTable) -> None:
         assert touched[limb + 1].sum() >= 3
 
 
-def test_all_hexapod_classes_stay_finite_for_a_thousand_random_steps(hexapod_table: ClassTable) -> None:
-    envs = dappo_batch.make_vec(hexapod_table, 73, autoreset="same_step", seed=0, copy=False)
+def test_all_hexapod_classes_stay_finite_for_a_thousand_random_steps(
+    hexapod_table: ClassTable, backend: str
+) -> None:
+    options: dict[str, Any] = {"autoreset": "same_step", "seed": 0, "copy": False}
+    envs = dappo_batch.make_vec(hexapod_table, 73, backend=backend, **options)
     classes = np.arange(73)
     envs.reset(options={"damage_class": classes})
     rng = np.random.default_rng(5)

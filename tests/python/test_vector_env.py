@@ -53,12 +53,10 @@ def test_the_env_declares_its_autoreset_mode_and_its_frame_rate(table: ClassTabl
 
 
 def test_results_do_not_depend_on_the_number_of_threads(
-    assert_identical: Callable[..., None], table: ClassTable
+    assert_identical: Callable[..., None], table: ClassTable, backend: str
 ) -> None:
-    one, two = (
-        make(table, 16, threads=threads, max_episode_steps=9, autoreset="same_step", onset=(0, 5))
-        for threads in (1, 2)
-    )
+    options = {"max_episode_steps": 9, "autoreset": "same_step", "onset": (0, 5), "backend": backend}
+    one, two = (make(table, 40, threads=threads, **options) for threads in (1, 2))
     assert (one.num_threads, two.num_threads) == (1, 2)
     assert_identical(tuple(play(one, 25)), tuple(play(two, 25)))
 
@@ -238,8 +236,8 @@ def test_actions_beyond_the_bounds_are_clipped_and_other_real_types_converted(an
         np.testing.assert_array_equal(result, results[0])
 
 
-def test_a_state_can_be_set_and_read_back(table: ClassTable) -> None:
-    envs = make(table)
+def test_a_state_can_be_set_and_read_back(table: ClassTable, backend: str) -> None:
+    envs = make(table, backend=backend, precision="f64")
     envs.reset()
     qpos, qvel = envs.get_state()
     qpos[:, 2] += 0.01

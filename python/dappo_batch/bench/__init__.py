@@ -18,9 +18,11 @@ import numpy as np
 from dappo_batch._core import ConfigError, SimulationError
 from dappo_batch.bench.contenders import (
     Contender,
-    DappoBatch,
-    DappoBatchCopy,
-    DappoBatchDamaged,
+    LanesF32,
+    LanesF32Copy,
+    LanesF32Damaged,
+    LanesF64,
+    MujocoBackend,
     MujocoBatch,
     MujocoRollout,
     RawStep,
@@ -37,9 +39,11 @@ __all__ = ["CONTENDERS", "main", "run"]
 
 CONTENDERS: tuple[type[Contender], ...] = (
     RawStep,
-    DappoBatch,
-    DappoBatchCopy,
-    DappoBatchDamaged,
+    LanesF32,
+    LanesF32Copy,
+    LanesF32Damaged,
+    LanesF64,
+    MujocoBackend,
     MujocoBatch,
     MujocoRollout,
     EnvPoolAnt,

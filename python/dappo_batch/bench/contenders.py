@@ -10,10 +10,23 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from dappo_batch._core import ConfigError, LaneWorlds
 from dappo_batch.bench.workload import Episodes, Workload
 from dappo_batch.envs import make_vec
+from dappo_batch.envs.simulation import Backend, Precision
 
-__all__ = ["Contender", "DappoBatch", "MujocoBatch", "MujocoRollout", "RawStep", "Unavailable"]
+__all__ = [
+    "Contender",
+    "LanesF32",
+    "LanesF32Copy",
+    "LanesF32Damaged",
+    "LanesF64",
+    "MujocoBackend",
+    "MujocoBatch",
+    "MujocoRollout",
+    "RawStep",
+    "Unavailable",
+]
 
 
 class Unavailable(Exception):
@@ -76,24 +89,34 @@ class Contender(ABC):
         """Free threads and memory."""
 
 
-class DappoBatch(Contender):
+class LanesF32(Contender):
     """The public vector env of this package, healthy robots, arrays returned as views."""
 
-    key = "dappo-batch"
+    key = "lanes f32"
     about = "make_vec(copy=False), healthy: observation, reward, reset"
+    _backend: ClassVar[Backend] = "lanes"
+    _precision: ClassVar[Precision] = "f32"
     _copy: ClassVar[bool] = False
     _damage: ClassVar[str] = "healthy"
 
     def __init__(self, workload: Workload) -> None:
         self.num_envs = workload.num_envs
-        self._envs = make_vec(
-            workload.robot,
-            workload.num_envs,
-            damage=self._damage,
-            threads=workload.threads,
-            seed=workload.seed,
-            copy=self._copy,
-        )
+        try:
+            self._envs = make_vec(
+                workload.robot,
+                workload.num_envs,
+                damage=self._damage,
+                threads=workload.threads,
+                seed=workload.seed,
+                copy=self._copy,
+                backend=self._backend,
+                precision=self._precision,
+            )
+        except ConfigError as error:
+            raise Unavailable(str(error)) from error
+        if self._backend == "lanes":
+            world = LaneWorlds(self._envs.table, np.zeros(1, dtype=np.int64), self._precision)
+            self.note = f"{world.simd}, {world.width} envs in a register"
         self._actions = workload.actions(self.num_envs)
         self._envs.reset()
         self._envs.set_state(*workload.states(self.num_envs))
@@ -108,20 +131,36 @@ class DappoBatch(Contender):
         self._envs.close()
 
 
-class DappoBatchCopy(DappoBatch):
+class LanesF32Copy(LanesF32):
     """The public vector env as it comes by default."""
 
-    key = "dappo-batch copy"
+    key = "lanes f32 copy"
     about = "make_vec() as by default: every returned array is a copy"
     _copy = True
 
 
-class DappoBatchDamaged(DappoBatch):
+class LanesF32Damaged(LanesF32):
     """The public vector env with every damage class."""
 
-    key = "dappo-batch damaged"
+    key = "lanes f32 damaged"
     about = "make_vec(copy=False), damage drawn from all classes"
     _damage = "uniform"
+
+
+class LanesF64(LanesF32):
+    """The public vector env in double precision."""
+
+    key = "lanes f64"
+    about = 'make_vec(copy=False, precision="f64"), healthy'
+    _precision = "f64"
+
+
+class MujocoBackend(LanesF32):
+    """The public vector env over libmujoco, for the robots that the lane engine does not know."""
+
+    key = "mujoco"
+    about = 'make_vec(copy=False, backend="mujoco"), healthy'
+    _backend = "mujoco"
 
 
 class RawStep(Contender):

@@ -28,6 +28,12 @@ RobotLike: TypeAlias = str | Path | Robot | ClassTable
 Physics: TypeAlias = Literal["rk4", "euler"]
 """Integrator of the physics."""
 
+Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
+"""What simulates the physics; ``"auto"`` is the lane engine wherever it knows everything about the robot."""
+
+Precision: TypeAlias = Literal["f32", "f64"]
+"""Floating-point format of the lane engine."""
+
 
 def class_table(
     robot: RobotLike, *, max_damaged_limbs: int | None, severity: float, physics: Physics | None
@@ -63,6 +69,8 @@ def native_env(
     threads: int | None,
     onset: int | tuple[int, int],
     max_episode_steps: int | None,
+    backend: Backend,
+    precision: Precision,
 ) -> _core.VectorEnv:
     """Check the arguments and start the simulation of `num_envs` environments.
 
@@ -88,6 +96,8 @@ def native_env(
         class_weights=class_weights(table.space, damage),
         onset=onset_range(onset),
         threads=None if threads is None else integer(threads, "threads", 1),
+        backend=backend,
+        precision=precision,
     )
 
 

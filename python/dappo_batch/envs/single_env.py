@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch._core import ConfigError, SimulationError
 from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, integer, stream_keys
-from dappo_batch.envs.simulation import Physics, RobotLike, class_table, native_env, spaces, step_seconds
+from dappo_batch.envs.simulation import (
+    Backend,
+    Physics,
+    Precision,
+    RobotLike,
+    class_table,
+    native_env,
+    spaces,
+    step_seconds,
+)
 
 NO_TIME_LIMIT = 2**31 - 1
 PICTURE_SIZE = (480, 480)  # height, width in pixels
@@ -62,6 +71,8 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         max_damaged_limbs: int | None = None,
         physics: Physics | None = None,
         render_mode: str | None = None,
+        backend: Backend = "auto",
+        precision: Precision = "f32",
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
@@ -80,6 +91,8 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             threads=1,
             onset=onset,
             max_episode_steps=NO_TIME_LIMIT if max_episode_steps is None else max_episode_steps,
+            backend=backend,
+            precision=precision,
         )
         self.observation_space, self.action_space = spaces(self._core)
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / step_seconds(self.table))}

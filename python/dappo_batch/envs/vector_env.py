@@ -21,7 +21,16 @@ from dappo_batch.envs.arguments import (
     integer,
     stream_keys,
 )
-from dappo_batch.envs.simulation import Physics, RobotLike, class_table, native_env, spaces, step_seconds
+from dappo_batch.envs.simulation import (
+    Backend,
+    Physics,
+    Precision,
+    RobotLike,
+    class_table,
+    native_env,
+    spaces,
+    step_seconds,
+)
 
 Infos = dict[str, Any]
 
@@ -64,6 +73,13 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         Integrator; the one in the robot's MJCF if left out.
     copy : bool
         If false, every returned array is a view that the next `step` or `reset` overwrites.
+    backend : {"auto", "lanes", "mujoco"}
+        What simulates. ``"lanes"`` computes MuJoCo's equations for several robots at once and is many times
+        faster; it knows limbed robots on a level floor and refuses all others. ``"mujoco"`` is libmujoco and
+        knows every robot. ``"auto"`` takes ``"lanes"`` wherever it can; `backend_note` says why it cannot.
+    precision : {"f32", "f64"}
+        Floating-point format of ``"lanes"``: ``"f32"`` is faster, ``"f64"`` equals MuJoCo up to rounding.
+        ``"mujoco"`` always computes in double precision.
 
     Attributes
     ----------
@@ -105,6 +121,8 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         max_damaged_limbs: int | None = None,
         physics: Physics | None = None,
         copy: bool = True,
+        backend: Backend = "auto",
+        precision: Precision = "f32",
     ) -> None:
         self.num_envs = integer(num_envs, "num_envs", 1)
         self.autoreset_mode = autoreset_mode(autoreset)
@@ -122,6 +140,8 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
             threads=threads,
             onset=onset,
             max_episode_steps=max_episode_steps,
+            backend=backend,
+            precision=precision,
         )
         self.copy = copy
         self.single_observation_space, self.single_action_space = spaces(self._core)
@@ -147,8 +167,18 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
 
     @property
     def backend(self) -> str:
-        """Name of the simulation backend."""
+        """Name of the simulation backend, ``"lanes"`` or ``"mujoco"``."""
         return self._core.backend
+
+    @property
+    def backend_note(self) -> str:
+        """Why the backend is not ``"lanes"``; empty if it is, or if ``"mujoco"`` was asked for."""
+        return self._core.backend_note
+
+    @property
+    def precision(self) -> str:
+        """Floating-point format of the simulation, ``"f32"`` or ``"f64"``."""
+        return self._core.precision
 
     def reset(
         self, *, seed: Seed = None, options: Mapping[str, Any] | None = None
@@ -288,6 +318,7 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         """Put every env into the given state and keep its episode.
 
         As after a reset no contact force is carried over; the damage class and the step of the episode stay.
+        With `precision` ``"f32"`` the state is rounded.
 
         Parameters
         ----------

@@ -126,12 +126,13 @@ impl Engine {
             .all(|class| class.limbs.len() == limbs && class.limbs.iter().all(|limb| limb.len() == joints));
         match (limbs, joints) {
             _ if !even => Err(Unsupported("its limbs differ in their number of joints".into())),
+            (3, 2) => Self::shaped::<T, 3, 2>(classes),
             (4, 2) => Self::shaped::<T, 4, 2>(classes),
             (6, 3) => Self::shaped::<T, 6, 3>(classes),
             (4, 3) => Self::shaped::<T, 4, 3>(classes),
             _ => Err(Unsupported(format!(
-                "it has {limbs} limbs of {joints} joints; the lane engine is compiled for 4 limbs of 2 or 3 \
-                 joints and 6 limbs of 3"
+                "it has {limbs} limbs of {joints} joints; the lane engine is compiled for 3 and 4 limbs \
+                 of 2 joints and for 4 and 6 limbs of 3"
             ))),
         }
     }

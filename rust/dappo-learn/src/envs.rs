@@ -2,7 +2,7 @@
 
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
-use dappo_sim::{DamageSpace, Robot, SimError};
+use dappo_sim::{DamageSpace, Precision, Robot, SimError};
 
 use crate::config::Config;
 use crate::error::Result;
@@ -15,9 +15,14 @@ pub trait EnvFactory {
     /// Its damage classes.
     fn space(&self) -> &DamageSpace;
 
-    /// A vector env with one env for each key of `config`, and the reward of this name.
-    fn make(&self, config: VectorEnvConfig, reward: Option<&str>)
-    -> std::result::Result<VectorEnv, SimError>;
+    /// A vector env with one env for each key of `config`, the reward of this name, and physics of this precision
+    /// where the backend has a choice.
+    fn make(
+        &self,
+        config: VectorEnvConfig,
+        reward: Option<&str>,
+        precision: Precision,
+    ) -> std::result::Result<VectorEnv, SimError>;
 
     /// The training envs of a configuration.
     fn env_config(&self, config: &Config) -> Result<VectorEnvConfig> {

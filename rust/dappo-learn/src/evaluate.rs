@@ -53,6 +53,10 @@ pub struct ClassResult {
 /// The results of all damage classes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evaluation {
+    /// Backend of the physics.
+    pub backend: &'static str,
+    /// Its floating-point format.
+    pub precision: &'static str,
     /// One entry a class, in canonical order.
     pub classes: Vec<ClassResult>,
 }
@@ -78,6 +82,7 @@ pub fn evaluate(
             ..factory.env_config(config)?
         },
         config.env.reward.as_deref(),
+        config.evaluation.precision,
     )?;
     let assigned: Vec<Option<usize>> = (0..envs).map(|env| Some(env / episodes)).collect();
     env.reset(ResetOptions { classes: Some(&assigned), ..ResetOptions::default() })?;
@@ -97,7 +102,11 @@ pub fn evaluate(
             falls: of_class.iter().filter(|sum| sum.fell).count(),
         }
     };
-    Ok(Some(Evaluation { classes: factory.space().classes().iter().map(summarize).collect() }))
+    Ok(Some(Evaluation {
+        backend: env.backend().name(),
+        precision: env.backend().precision(),
+        classes: factory.space().classes().iter().map(summarize).collect(),
+    }))
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -157,7 +166,8 @@ impl Evaluation {
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text =
-            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls\n"
+            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,\
+                        falls,backend,precision\n"
                 .to_owned();
         for c in &self.classes {
             let error =
@@ -165,7 +175,7 @@ impl Evaluation {
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{},{:.4},{error},{:.4},{:.2},{}",
+                "{},{},{},{},{:.4},{error},{:.4},{:.2},{},{},{}",
                 c.class,
                 c.name,
                 c.group,
@@ -173,7 +183,9 @@ impl Evaluation {
                 c.forward_reward,
                 c.episode_return,
                 c.episode_length,
-                c.falls
+                c.falls,
+                self.backend,
+                self.precision
             );
         }
         text

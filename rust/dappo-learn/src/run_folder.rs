@@ -26,6 +26,8 @@ pub struct Meta {
     pub mujoco: String,
     /// Backend of the physics.
     pub backend: String,
+    /// Its floating-point format.
+    pub precision: String,
     /// Integrator of the physics.
     pub physics: String,
     /// Name of the reward function.

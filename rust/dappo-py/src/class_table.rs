@@ -1,15 +1,31 @@
-//! Reads a Python `ClassTable` (compiled MuJoCo models) into a mujoco backend.
+//! Reads a Python `ClassTable` (compiled MuJoCo models) and makes backends of it.
 
 use std::path::PathBuf;
 
+use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, simd};
 use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
+use dappo_sim::backend::{Choice, Precision};
 use dappo_sim::terms::Task;
-use dappo_sim::{Backend, DamageSpace, Layout, Robot};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Robot};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::damage::PyDamageSpace;
 use crate::errors::from_sim;
+use crate::model_reader::PyModel;
+
+/// What of a backend is not the robot's.
+#[derive(Debug, Clone, Copy)]
+pub struct BackendOptions<'a> {
+    /// Name of the reward; the robot's default for `None`.
+    pub reward: Option<&'a str>,
+    /// Number of envs.
+    pub num_envs: usize,
+    /// Worker threads; all cores for `None`.
+    pub threads: Option<usize>,
+    /// Precision, where the backend has a choice.
+    pub precision: Precision,
+}
 
 /// What Rust needs to know about a class table, besides the models themselves.
 pub struct ClassTable<'py> {
@@ -44,17 +60,36 @@ impl<'py> ClassTable<'py> {
         Ok(Self { object: object.clone(), robot, space, layout })
     }
 
-    /// A mujoco backend over this table.
-    pub fn mujoco_backend(
-        &self,
-        reward: Option<&str>,
-        num_envs: usize,
-        threads: Option<usize>,
-    ) -> PyResult<Box<dyn Backend>> {
-        let py = self.object.py();
+    /// The backend that `kind` means for this robot.
+    pub fn choose(&self, kind: BackendKind) -> PyResult<Choice> {
+        // Python's errors cannot pass through the choice, so everything is read before it.
+        let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };
+        let muted_touch = self.muted_touch()?;
+        kind.choose(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch))
+            .map_err(|error| from_sim(&error))
+    }
+
+    /// The chosen backend over this table.
+    pub fn backend(&self, choice: &Choice, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
         let available = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = threads.unwrap_or(available).min(num_envs.max(1));
-        let task = Task::new(&self.robot, &self.layout, reward).map_err(|error| from_sim(&error))?;
+        let threads = options.threads.unwrap_or(available).min(options.num_envs.max(1));
+        let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
+        match choice {
+            Choice::Mujoco { .. } => self.mujoco_backend(task, options.num_envs, threads),
+            Choice::Lanes(table) => {
+                let BackendOptions { precision, num_envs, .. } = options;
+                simd()
+                    .and_then(|simd| {
+                        LanesBackend::new(task, table.clone(), precision, simd, num_envs, threads)
+                    })
+                    .map(|backend| Box::new(backend) as Box<dyn Backend>)
+                    .map_err(|error| from_sim(&error))
+            }
+        }
+    }
+
+    fn mujoco_backend(&self, task: Task, num_envs: usize, threads: usize) -> PyResult<Box<dyn Backend>> {
+        let py = self.object.py();
         let path: PathBuf =
             py.import("dappo_batch.mujoco_library")?.call_method0("library_path")?.extract()?;
         let library = MujocoLibrary::load(&path).map_err(|error| from_sim(&error))?;
@@ -63,23 +98,34 @@ impl<'py> ClassTable<'py> {
         Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
     }
 
+    /// The arrays of the models of all classes.
+    fn arrays(&self) -> PyResult<Vec<ModelArrays>> {
+        let probe = self.object.py().import("dappo_batch._rotation_correction")?;
+        let rotation_correction = probe.call_method0("rotation_correction")?.extract()?;
+        let models = self.object.getattr("models")?;
+        models
+            .try_iter()?
+            .map(|model| ModelArrays::read(&PyModel::new(model?)?, rotation_correction))
+            .collect()
+    }
+
+    /// The limbs whose touch signal each class mutes.
+    fn muted_touch(&self) -> PyResult<Vec<Vec<bool>>> {
+        let muted: Vec<Vec<usize>> = self.object.getattr("muted_touch")?.extract()?;
+        let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();
+        Ok(muted.iter().map(mask).collect())
+    }
+
     fn model_table(&self) -> PyResult<ModelTable> {
         let py = self.object.py();
         let models = self.object.getattr("models")?;
         let addresses: Vec<usize> =
             models.try_iter()?.map(|model| model?.getattr("_address")?.extract()).collect::<PyResult<_>>()?;
-        let muted: Vec<Vec<usize>> = self.object.getattr("muted_touch")?.extract()?;
-        let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();
         let spec: u32 = py.import("dappo_batch.mujoco_library")?.call_method0("state_spec")?.extract()?;
         // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
         // checked that all models have equal sizes.
         let table = unsafe {
-            ModelTable::new(
-                &addresses,
-                muted.iter().map(mask).collect(),
-                spec,
-                Box::new(self.object.clone().unbind()),
-            )
+            ModelTable::new(&addresses, self.muted_touch()?, spec, Box::new(self.object.clone().unbind()))
         };
         table.map_err(|error| from_sim(&error))
     }

@@ -109,7 +109,7 @@ pub fn raise(kind: Kind, message: impl Into<String>) -> PyErr {
 /// A simulation error as a Python exception.
 pub fn from_sim(error: &SimError) -> PyErr {
     let kind = match error {
-        SimError::Config(_) | SimError::NonFiniteAction { .. } => Kind::Config,
+        SimError::Config(_) | SimError::Unsupported(_) | SimError::NonFiniteAction { .. } => Kind::Config,
         SimError::Shape { .. } => Kind::Shape,
         SimError::Library { .. } | SimError::Threads { .. } => Kind::Simulation,
         SimError::Snapshot(_) => Kind::Checkpoint,

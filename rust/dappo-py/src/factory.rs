@@ -2,13 +2,15 @@
 
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
+use dappo_sim::backend::Choice;
+use dappo_sim::backend::lanes::simd;
 use dappo_sim::vector_env::{VectorEnv, VectorEnvConfig};
-use dappo_sim::{DamageSpace, Robot, SimError};
+use dappo_sim::{BackendKind, DamageSpace, Precision, Robot, SimError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::class_table::ClassTable;
-use crate::errors::{Kind, raise};
+use crate::class_table::{BackendOptions, ClassTable};
+use crate::errors::{Kind, from_sim, raise};
 
 /// The class table of a configuration.
 pub struct TableFactory {
@@ -16,6 +18,7 @@ pub struct TableFactory {
     robot: Robot,
     space: DamageSpace,
     threads: Option<usize>,
+    choice: Choice,
 }
 
 impl TableFactory {
@@ -30,7 +33,13 @@ impl TableFactory {
         let module = py.import("dappo_batch.class_table")?;
         let object = module.call_method("compile_class_table", (&config.robot,), Some(&options))?;
         let table = ClassTable::read(&object)?;
+        let choice = table.choose(config.env.backend)?;
+        if let Choice::Lanes(_) = choice {
+            // An instruction set that cannot be used is to be known before there is a run folder.
+            simd().map_err(|error| from_sim(&error))?;
+        }
         Ok(Self {
+            choice,
             robot: table.robot,
             space: table.space,
             table: object.unbind(),
@@ -41,6 +50,26 @@ impl TableFactory {
     /// Name of the reward function that a configuration means.
     pub fn reward_name(&self, config: &Config) -> String {
         config.env.reward.clone().unwrap_or_else(|| self.robot.reward.default.clone())
+    }
+
+    /// The backend that the configuration means for this robot.
+    pub fn backend(&self) -> BackendKind {
+        self.choice.kind()
+    }
+
+    /// Name of the precision in which the backend computes when `wanted` is asked for.
+    pub fn precision(&self, wanted: Precision) -> &'static str {
+        self.choice.precision(wanted)
+    }
+
+    /// A line about the backend: which, how precise, and why not the faster one.
+    pub fn describe(&self, wanted: Precision) -> String {
+        let (name, precision, note) = (self.backend().name(), self.precision(wanted), self.choice.note());
+        if note.is_empty() {
+            format!("backend {name}, {precision}")
+        } else {
+            format!("backend {name}, {precision}: {note}")
+        }
     }
 
     /// Integrator of the compiled models, as MuJoCo names it.
@@ -66,10 +95,17 @@ impl EnvFactory for TableFactory {
         &self.space
     }
 
-    fn make(&self, config: VectorEnvConfig, reward: Option<&str>) -> Result<VectorEnv, SimError> {
+    fn make(
+        &self,
+        config: VectorEnvConfig,
+        reward: Option<&str>,
+        precision: Precision,
+    ) -> Result<VectorEnv, SimError> {
+        let options =
+            BackendOptions { reward, num_envs: config.keys.len(), threads: self.threads, precision };
         let backend = Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
-                .and_then(|table| table.mujoco_backend(reward, config.keys.len(), self.threads))
+                .and_then(|table| table.backend(&self.choice, options))
                 .map_err(|error| SimError::Config(error.value(py).to_string()))
         })?;
         VectorEnv::new(backend, &self.space, config)

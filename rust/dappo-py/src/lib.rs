@@ -5,6 +5,8 @@ mod cli;
 mod damage;
 mod errors;
 mod factory;
+mod lane_worlds;
+mod model_reader;
 mod vector_env;
 
 use pyo3::prelude::*;
@@ -16,6 +18,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<damage::PyDamageClass>()?;
     module.add_class::<damage::PyDamageSpace>()?;
     module.add_class::<vector_env::PyVectorEnv>()?;
+    module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! `VectorEnv` in Python: N damage-randomised episodes on all cores.
 
+use dappo_sim::backend::{BackendKind, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::{Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
 use numpy::ndarray::{ArrayView1, ArrayView2};
@@ -8,7 +9,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-use crate::class_table::ClassTable;
+use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, from_sim, raise};
 
 /// N damage-randomised episodes; `dappo_batch.envs` gives them Gymnasium's face.
@@ -20,6 +21,7 @@ pub struct PyVectorEnv {
     num_envs: usize,
     nq: usize,
     nv: usize,
+    backend_note: String,
 }
 
 impl PyVectorEnv {
@@ -57,7 +59,7 @@ fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Op
         .transpose()
 }
 
-fn not_contiguous<E: std::fmt::Display>(error: E) -> PyErr {
+pub fn not_contiguous<E: std::fmt::Display>(error: E) -> PyErr {
     raise(Kind::Shape, format!("arrays must be C-contiguous ({error}); use numpy.ascontiguousarray"))
 }
 
@@ -94,7 +96,8 @@ fn view2<'py>(this: &Bound<'py, PyVectorEnv>, buffer: impl Fn(&Buffers) -> &[f32
 impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
-                        max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None))]
+                        max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None,
+                        backend="auto", precision="f32"))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         table: &Bound<'_, PyAny>,
@@ -107,7 +110,11 @@ impl PyVectorEnv {
         class_weights: Option<PyReadonlyArray1<'_, f64>>,
         onset: (usize, usize),
         threads: Option<usize>,
+        backend: &str,
+        precision: &str,
     ) -> PyResult<Self> {
+        let kind = BackendKind::parse(backend).map_err(|error| from_sim(&error))?;
+        let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
         let table = ClassTable::read(table)?;
         let classes = match class_weights {
             None => ClassDistribution::uniform(table.space.classes().len()),
@@ -122,9 +129,17 @@ impl PyVectorEnv {
             classes,
             onset: Onset { first: onset.0, last: onset.1 },
         };
-        let backend = table.mujoco_backend(reward, num_envs, threads)?;
+        let choice = table.choose(kind)?;
+        let backend = table.backend(&choice, BackendOptions { reward, num_envs, threads, precision })?;
         let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
-        Ok(Self { env: Some(env), kept: None, num_envs, nq: table.layout.nq, nv: table.layout.nv })
+        Ok(Self {
+            env: Some(env),
+            kept: None,
+            num_envs,
+            nq: table.layout.nq,
+            nv: table.layout.nv,
+            backend_note: choice.note().to_owned(),
+        })
     }
 
     /// Number of envs.
@@ -155,6 +170,18 @@ impl PyVectorEnv {
     #[getter]
     fn backend(&self) -> PyResult<&str> {
         Ok(self.env()?.backend().name())
+    }
+
+    /// Why it is not the lane engine; empty if it is, or if nobody asked for it.
+    #[getter]
+    fn backend_note(&self) -> &str {
+        &self.backend_note
+    }
+
+    /// Floating-point format of the physics.
+    #[getter]
+    fn precision(&self) -> PyResult<&str> {
+        Ok(self.env()?.backend().precision())
     }
 
     /// Starts new episodes in all envs or those of a mask.

@@ -42,6 +42,10 @@ pub enum SimError {
         reason: String,
     },
 
+    /// A robot that the lane engine does not know everything about; `mujoco` simulates it.
+    #[error("the lane engine cannot simulate this robot: {0}")]
+    Unsupported(String),
+
     /// A worker pool could not be started.
     #[error("cannot start {threads} worker threads: {reason}")]
     Threads {

@@ -3,7 +3,7 @@
 // SAFETY of every block in this file: values of these types are made only by an engine for `Simd::Avx512`,
 // which exists only on processors that have these instructions (see `engine::Engine::new`).
 #![expect(clippy::undocumented_unsafe_blocks, reason = "one reason for all, given above")]
-#![expect(clippy::wildcard_imports, reason = "as the documentation of the intrinsics does")]
+#![allow(clippy::wildcard_imports, reason = "as the documentation of the intrinsics does")]
 
 use std::arch::x86_64::*;
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub, SubAssign};

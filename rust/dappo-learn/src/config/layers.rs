@@ -155,7 +155,9 @@ mod tests {
             ("[ppo]\npreset = 'papre'", "papre"),
             ("[damage]\nseverity = 1.5", "severity"),
             ("curriculum = []", "curriculum"),
-            ("[env]\nbackend = 'brax'", "brax"),
+            ("[env]\nbackend = 'brax'", "unknown variant `brax`, expected one of `auto`, `lanes`, `mujoco`"),
+            ("[env]\nprecision = 'f16'", "unknown variant `f16`, expected `f32` or `f64`"),
+            ("[evaluation]\nprecision = 'double'", "expected `f32` or `f64`"),
             ("seed = 'one'", "seed"),
         ] {
             let message = toy(text).resolve().unwrap_err().to_string();

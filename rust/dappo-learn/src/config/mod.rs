@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
 use dappo_sim::vector_env::Onset;
+use dappo_sim::{BackendKind, Precision};
 
 use crate::error::LearnError;
 use crate::ppo::PpoConfig;
@@ -50,8 +51,10 @@ pub struct EnvSection {
     /// Worker threads; all cores when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// `auto` or `mujoco`.
-    pub backend: String,
+    /// `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it knows everything about the robot.
+    pub backend: BackendKind,
+    /// `f32` or `f64`, for the backend `lanes`; `mujoco` always computes in `f64`.
+    pub precision: Precision,
     /// Name of the reward function; the robot's default when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reward: Option<String>,
@@ -70,7 +73,8 @@ impl Default for EnvSection {
         Self {
             num_envs: 32,
             threads: None,
-            backend: "auto".into(),
+            backend: BackendKind::Auto,
+            precision: Precision::F32,
             reward: None,
             physics: None,
             observe_damage: true,
@@ -134,11 +138,13 @@ pub struct EvaluationSection {
     pub episodes: usize,
     /// Seed of the evaluation's initial states; the same for every policy that is compared.
     pub seed: u64,
+    /// As `env.precision`, for the evaluation.
+    pub precision: Precision,
 }
 
 impl Default for EvaluationSection {
     fn default() -> Self {
-        Self { episodes: 4, seed: 1_000_000 }
+        Self { episodes: 4, seed: 1_000_000, precision: Precision::F64 }
     }
 }
 
@@ -194,9 +200,6 @@ impl Config {
                 "`damage.severity` is {}, expected a number above 0 and at most 1",
                 self.damage.severity
             ));
-        }
-        if !["auto", "mujoco"].contains(&self.env.backend.as_str()) {
-            return bad(format!("`env.backend` is `{}`, expected `auto` or `mujoco`", self.env.backend));
         }
         if self.curriculum.is_empty() {
             return bad(

@@ -2,6 +2,7 @@
 
 use dappo_sim::VectorEnv;
 use dappo_sim::rng::{Purpose, Stream};
+use rayon::prelude::*;
 
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
@@ -39,11 +40,12 @@ pub fn collect(
 
 /// Standard normals, `[N, A]`.
 fn action_noise(keys: &[u64], step: u64, action_dim: usize) -> Vec<f32> {
-    let of_env = |&key: &u64| {
+    let mut noise = vec![0.0; keys.len() * action_dim];
+    noise.par_chunks_mut(action_dim).with_min_len(64).zip(keys).for_each(|(row, &key)| {
         let mut stream = Stream::new(key, step, Purpose::ActionNoise);
-        (0..action_dim).map(move |_| stream.normal() as f32)
-    };
-    keys.iter().flat_map(of_env).collect()
+        row.fill_with(|| stream.normal() as f32);
+    });
+    noise
 }
 
 /// V(`final_obs`) of the episodes that the time limit cut short: their return goes on beyond it.

@@ -29,7 +29,7 @@ impl Session {
     pub fn new(config: &Config, factory: &dyn EnvFactory) -> Result<Self> {
         let env_config = factory.env_config(config)?;
         let noise_keys = env_config.keys.clone();
-        let mut env = factory.make(env_config, config.env.reward.as_deref())?;
+        let mut env = factory.make(env_config, config.env.reward.as_deref(), config.env.precision)?;
         env.reset(ResetOptions::default())?;
         let ppo =
             Ppo::new(&config.ppo, env.obs_dim(), env.code_length(), env.action_dim(), config.seed, &cpu())?;

@@ -40,6 +40,9 @@ fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
     }
 }
 
+const BACKENDS: [&str; 3] = ["auto", "lanes", "mujoco"];
+const PRECISIONS: [&str; 2] = ["f32", "f64"];
+
 /// Where a configuration comes from; later sources win.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
@@ -62,8 +65,11 @@ pub struct ConfigArgs {
     #[arg(long, value_parser = ["auto", "cpu"], default_value = "auto")]
     pub device: String,
     /// Physics backend
-    #[arg(long, value_parser = ["auto", "mujoco"])]
+    #[arg(long, value_parser = BACKENDS)]
     pub backend: Option<String>,
+    /// Precision of the backend lanes
+    #[arg(long, value_parser = PRECISIONS)]
+    pub precision: Option<String>,
     /// Worker threads [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub threads: Option<i64>,
@@ -94,7 +100,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
     /// Go on with an earlier run; --steps may extend it
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "unaware", "healthy", "reward", "physics", "set"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics", "set"])]
     pub resume: Option<PathBuf>,
     /// Print one JSON object an iteration instead of a progress bar
     #[arg(long)]
@@ -113,6 +119,12 @@ pub struct EvaluateArgs {
     /// Seed of the initial states [default: the run's]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seed: Option<u64>,
+    /// Physics backend [default: the run's]
+    #[arg(long, value_parser = BACKENDS)]
+    pub backend: Option<String>,
+    /// Precision of the backend lanes [default: the run's for evaluations, f64]
+    #[arg(long, value_parser = PRECISIONS)]
+    pub precision: Option<String>,
     /// Worker threads [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub threads: Option<i64>,

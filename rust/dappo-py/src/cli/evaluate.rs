@@ -8,11 +8,12 @@ use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Evaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
+use dappo_sim::{BackendKind, Precision};
 use pyo3::prelude::*;
 
 use super::args::EvaluateArgs;
 use super::{INTERRUPTED, console, signals};
-use crate::errors::{Kind, from_learn, raise};
+use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::TableFactory;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
@@ -21,11 +22,21 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
     config.evaluation.episodes =
         arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
     config.evaluation.seed = arguments.seed.unwrap_or(config.evaluation.seed);
+    if let Some(backend) = &arguments.backend {
+        config.env.backend = BackendKind::parse(backend).map_err(|error| from_sim(&error))?;
+    }
+    if let Some(precision) = &arguments.precision {
+        config.evaluation.precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
+    }
     let factory = TableFactory::compile(py, &config)?;
+    if !arguments.json {
+        console::note(&factory.describe(config.evaluation.precision));
+    }
     let interrupted = signals::watch()?;
     let evaluation = py.detach(|| {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
-        let probe = factory.make(factory.env_config(&config)?, config.env.reward.as_deref())?;
+        let reward = config.env.reward.as_deref();
+        let probe = factory.make(factory.env_config(&config)?, reward, config.evaluation.precision)?;
         let ppo = checkpoint.learner(&config.ppo, &probe)?;
         evaluate_and_save(&ppo, &config, &factory, &run, &interrupted)
     });
@@ -72,8 +83,10 @@ pub fn show(evaluation: &Evaluation) {
         ));
     }
     console::print_line(&format!(
-        "mean forward reward over {} classes: {:.1}",
+        "mean forward reward over {} classes: {:.1} (backend {}, {})",
         evaluation.classes.len(),
-        evaluation.mean_forward_reward()
+        evaluation.mean_forward_reward(),
+        evaluation.backend,
+        evaluation.precision
     ));
 }

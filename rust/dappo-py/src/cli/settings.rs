@@ -53,6 +53,7 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     for (key, value) in [
         ("robot", &arguments.robot),
         ("env.backend", &arguments.backend),
+        ("env.precision", &arguments.precision),
         ("env.reward", &arguments.reward),
         ("env.physics", &arguments.physics),
     ] {

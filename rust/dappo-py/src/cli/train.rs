@@ -19,13 +19,15 @@ use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i32> {
-    let (config, resumed) = if let Some(folder) = &arguments.resume {
+    let (mut config, resumed) = if let Some(folder) = &arguments.resume {
         let (run, config) = reopen(folder, arguments)?;
         (config, Some(run))
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
     let factory = TableFactory::compile(py, &config)?;
+    // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
+    config.env.backend = factory.backend();
     let resume = resumed.is_some();
     let run = match resumed {
         Some(run) => run,
@@ -33,6 +35,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     };
     if !arguments.json {
         console::note(&describe(&config, &factory, &run));
+        console::note(&factory.describe(config.env.precision));
     }
 
     let interrupted = signals::watch()?;
@@ -93,7 +96,8 @@ fn create(
     let meta = Meta {
         version: env!("CARGO_PKG_VERSION").into(),
         mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
-        backend: "mujoco".into(),
+        backend: factory.backend().name().into(),
+        precision: factory.precision(config.env.precision).into(),
         physics: factory.integrator(py)?,
         reward: factory.reward_name(config),
         threads: config

@@ -3,9 +3,15 @@
 //! A backend is dumb so that backends can be compared: it resets, changes damage classes and steps. Time
 //! limits, autoreset, class draws and damage codes belong to the [vector env](crate::vector_env).
 
+mod choice;
+pub mod lanes;
 pub mod mujoco;
 
+pub use choice::{BackendKind, Choice, Precision};
+
 use crate::error::SimError;
+use crate::rng::{Purpose, Stream};
+use crate::robot::ResetNoise;
 use crate::terms::Task;
 
 /// Sizes and addresses of a compiled robot, equal for all its damage classes.
@@ -44,6 +50,22 @@ pub struct Reset {
     pub episode: u64,
 }
 
+impl Reset {
+    /// Adds the noise of the initial state to the reference pose and to velocities of zero.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[nq]`, `qvel`: `[nv]`
+    fn scatter(&self, noise: ResetNoise, qpos: &mut [f64], qvel: &mut [f64]) {
+        let mut stream = Stream::new(self.key, self.episode, Purpose::InitialState);
+        for position in qpos {
+            *position += noise.qpos_noise * (2.0 * stream.uniform() - 1.0);
+        }
+        for velocity in qvel {
+            *velocity += noise.qvel_noise * stream.normal();
+        }
+    }
+}
+
 /// Rows of observations inside a wider array: env i starts at `i · stride`.
 #[derive(Debug)]
 pub struct ObsRows<'a> {
@@ -70,6 +92,9 @@ pub struct StepOutputs<'a> {
 pub trait Backend: Send + Sync {
     /// Name used in configs, results and error messages.
     fn name(&self) -> &'static str;
+
+    /// Floating-point format of the physics, `f32` or `f64`.
+    fn precision(&self) -> &'static str;
 
     /// Number of envs.
     fn num_envs(&self) -> usize;
@@ -102,7 +127,8 @@ pub trait Backend: Send + Sync {
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError>;
 
-    /// Puts every env into a given state at rest from forces (as after a reset) and observes it.
+    /// Puts every env into a given state at rest from forces (as after a reset) and observes it. A backend of
+    /// single precision rounds the state.
     ///
     /// # Shapes
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
@@ -111,7 +137,7 @@ pub trait Backend: Send + Sync {
     /// Everything that the next step depends on, for checkpoints.
     fn snapshot(&self) -> BackendSnapshot;
 
-    /// Goes back to a snapshot of a backend of the same robot, kind and number of envs.
+    /// Goes back to a snapshot of a backend of the same robot, kind, precision and number of envs.
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError>;
 }
 
@@ -124,4 +150,53 @@ pub struct BackendSnapshot {
     pub rows: Vec<f64>,
     /// Damage class in force, `[N]`.
     pub classes: Vec<usize>,
+}
+
+impl BackendSnapshot {
+    /// Checks that a backend with rows of `row` numbers, `envs` envs and `classes` damage classes can go on from it.
+    fn check(&self, row: usize, envs: usize, classes: usize) -> Result<(), SimError> {
+        if self.row != row || self.rows.len() != envs * row || self.classes.len() != envs {
+            return Err(SimError::Snapshot(format!(
+                "it holds {} envs with {} numbers each, this backend has {envs} envs with {row}",
+                self.classes.len(),
+                self.row,
+            )));
+        }
+        self.classes.iter().try_for_each(|&class| check_class(class, classes))
+    }
+}
+
+/// Refuses a damage class that a table of `classes` classes does not have.
+fn check_class(class: usize, classes: usize) -> Result<(), SimError> {
+    if class < classes {
+        return Ok(());
+    }
+    Err(SimError::Config(format!(
+        "damage class {class} does not exist; the classes are 0 to {}",
+        classes - 1
+    )))
+}
+
+/// What the policy's action asks of the motors.
+fn control(task: &Task, action: f32) -> f64 {
+    task.action_scale * f64::from(action.clamp(-1.0, 1.0))
+}
+
+/// Velocity over an env step. A diverged world has none; 0 keeps it out of everybody else's averages.
+fn velocity(task: &Task, before: f64, after: f64) -> f64 {
+    let velocity = (after - before) / task.dt();
+    if velocity.is_finite() { velocity } else { 0.0 }
+}
+
+/// The threads of a backend.
+fn thread_pool(num_envs: usize, threads: usize) -> Result<rayon::ThreadPool, SimError> {
+    if num_envs == 0 || threads == 0 {
+        return Err(SimError::Config(format!(
+            "a backend needs at least one env and one thread, got {num_envs} envs and {threads} threads"
+        )));
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|error| SimError::Threads { threads, reason: error.to_string() })
 }

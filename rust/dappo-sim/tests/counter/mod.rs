@@ -68,6 +68,10 @@ impl Backend for Counter {
         "counter"
     }
 
+    fn precision(&self) -> &'static str {
+        "f64"
+    }
+
     fn num_envs(&self) -> usize {
         self.classes.len()
     }

@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
-use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs};
+use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class, thread_pool};
 use crate::error::{SimError, expect_len};
 use crate::terms::Task;
 
@@ -41,17 +41,7 @@ impl MujocoBackend {
         workers: Vec<WorkerFields>,
         num_envs: usize,
     ) -> Result<Self, SimError> {
-        if num_envs == 0 || workers.is_empty() {
-            return Err(SimError::Config(format!(
-                "a backend needs at least one env and one thread, got {num_envs} envs and {} threads",
-                workers.len()
-            )));
-        }
-        let threads = workers.len();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .map_err(|error| SimError::Threads { threads, reason: error.to_string() })?;
+        let pool = thread_pool(num_envs, workers.len())?;
         let workers: Vec<Worker> = workers
             .into_iter()
             .map(|fields| Worker::new(library, fields, &table))
@@ -67,16 +57,6 @@ impl MujocoBackend {
             classes: vec![0; num_envs],
         })
     }
-
-    fn check_class(&self, class: usize) -> Result<(), SimError> {
-        if class < self.table.len() {
-            return Ok(());
-        }
-        Err(SimError::Config(format!(
-            "damage class {class} does not exist; the classes are 0 to {}",
-            self.table.len() - 1
-        )))
-    }
 }
 
 /// The worker of the current thread of the pool. Never contended: a thread runs one chunk at a time.
@@ -88,6 +68,10 @@ fn worker(workers: &[Mutex<Worker>]) -> MutexGuard<'_, Worker> {
 impl Backend for MujocoBackend {
     fn name(&self) -> &'static str {
         "mujoco"
+    }
+
+    fn precision(&self) -> &'static str {
+        "f64"
     }
 
     fn num_envs(&self) -> usize {
@@ -109,7 +93,7 @@ impl Backend for MujocoBackend {
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
         let mut wanted: Vec<Option<Reset>> = vec![None; self.num_envs()];
         for reset in resets {
-            self.check_class(reset.class)?;
+            check_class(reset.class, self.table.len())?;
             self.classes[reset.env] = reset.class;
             wanted[reset.env] = Some(*reset);
         }
@@ -128,7 +112,7 @@ impl Backend for MujocoBackend {
 
     fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<(), SimError> {
         for &(env, class) in changes {
-            self.check_class(class)?;
+            check_class(class, self.table.len())?;
             self.classes[env] = class;
         }
         Ok(())
@@ -216,21 +200,7 @@ impl Backend for MujocoBackend {
     }
 
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {
-        let same_size = snapshot.row == self.row
-            && snapshot.rows.len() == self.rows.len()
-            && snapshot.classes.len() == self.classes.len();
-        if !same_size {
-            return Err(SimError::Snapshot(format!(
-                "it holds {} envs with {} numbers each, this backend has {} envs with {}",
-                snapshot.classes.len(),
-                snapshot.row,
-                self.classes.len(),
-                self.row
-            )));
-        }
-        for &class in &snapshot.classes {
-            self.check_class(class)?;
-        }
+        snapshot.check(self.row, self.num_envs(), self.table.len())?;
         self.rows.copy_from_slice(&snapshot.rows);
         self.classes.copy_from_slice(&snapshot.classes);
         Ok(())

@@ -2,9 +2,8 @@
 
 use super::library::{Data, MujocoLibrary};
 use super::table::{Field, ModelTable, WorkerFields};
-use crate::backend::Reset;
+use crate::backend::{Reset, control, velocity};
 use crate::error::SimError;
-use crate::rng::{Purpose, Stream};
 use crate::terms::{Signals, Task};
 
 /// An `mjData` that stands for one env at a time.
@@ -77,13 +76,8 @@ impl Worker {
         obs: &mut [f32],
     ) {
         self.clear(table, reset.class);
-        let mut stream = Stream::new(reset.key, reset.episode, Purpose::InitialState);
-        for position in view_mut(self.fields.qpos) {
-            *position += task.reset.qpos_noise * (2.0 * stream.uniform() - 1.0);
-        }
-        for velocity in view_mut(self.fields.qvel) {
-            *velocity += task.reset.qvel_noise * stream.normal();
-        }
+        // `clear` left the reference pose and no velocity.
+        reset.scatter(task.reset, view_mut(self.fields.qpos), view_mut(self.fields.qvel));
         self.begin(task, table, reset.class, row, obs);
     }
 
@@ -126,7 +120,7 @@ impl Worker {
     ) -> f64 {
         self.load(table, class, row);
         for (ctrl, action) in view_mut(self.fields.ctrl).iter_mut().zip(action) {
-            *ctrl = task.action_scale * f64::from(action.clamp(-1.0, 1.0));
+            *ctrl = control(task, *action);
         }
         let (model, data) = (table.model(class), self.data());
         for _ in 0..task.frame_skip {
@@ -137,9 +131,7 @@ impl Worker {
         unsafe { (self.library.rne_post_constraint)(model, data) };
         let before = row[self.state_size];
         self.store(table, class, row);
-        let velocity = (self.main_body_x() - before) / task.dt();
-        // A diverged world has no velocity; 0 keeps it out of everybody else's averages.
-        if velocity.is_finite() { velocity } else { 0.0 }
+        velocity(task, before, self.main_body_x())
     }
 
     /// What the last evaluation left in the data.

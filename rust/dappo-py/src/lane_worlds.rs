@@ -1,0 +1,188 @@
+//! `LaneWorlds` in Python: the bare lane engine, for tests and research.
+
+use dappo_sim::BackendKind;
+use dappo_sim::backend::lanes::{Group, LaneTable, Readout, Simd, Sizes, select_simd, simd};
+use dappo_sim::backend::{Choice, Precision};
+use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::class_table::ClassTable;
+use crate::errors::{Kind, from_sim, raise};
+use crate::vector_env::not_contiguous;
+
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+type Forces<'py> = Bound<'py, PyArray3<f64>>;
+
+/// N worlds of the lane engine, one in each lane, without episodes, observations or rewards.
+#[pyclass(name = "LaneWorlds", module = "dappo_batch._core")]
+pub struct PyLaneWorlds {
+    groups: Vec<Box<dyn Group>>,
+    count: usize,
+    width: usize,
+    sizes: Sizes,
+    simd: Simd,
+    precision: Precision,
+}
+
+impl PyLaneWorlds {
+    /// Places every world and sets its controls.
+    fn place(
+        &mut self,
+        qpos: &PyReadonlyArray2<'_, f64>,
+        qvel: &PyReadonlyArray2<'_, f64>,
+        ctrl: &PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let Sizes { nq, nv, nu, .. } = self.sizes;
+        for (name, array, columns) in [("qpos", qpos, nq), ("qvel", qvel, nv), ("ctrl", ctrl, nu)] {
+            if array.shape() != [self.count, columns] {
+                let (got, count) = (array.shape(), self.count);
+                let message = format!("{name} has shape {got:?}, expected [{count}, {columns}]");
+                return Err(raise(Kind::Shape, message));
+            }
+        }
+        let (qpos, qvel, ctrl) = (
+            qpos.as_slice().map_err(not_contiguous)?,
+            qvel.as_slice().map_err(not_contiguous)?,
+            ctrl.as_slice().map_err(not_contiguous)?,
+        );
+        for world in 0..self.count {
+            let (group, lane) = (&mut self.groups[world / self.width], world % self.width);
+            group.set_state(lane, &qpos[world * nq..][..nq], &qvel[world * nv..][..nv]);
+            group.set_ctrl(lane, &ctrl[world * nu..][..nu]);
+        }
+        Ok(())
+    }
+
+    /// The lanes of every group that hold a world.
+    fn groups(&mut self) -> impl Iterator<Item = (&mut Box<dyn Group>, u32)> {
+        let (count, width) = (self.count, self.width);
+        self.groups.iter_mut().enumerate().map(move |(index, group)| {
+            let worlds = (count - index * width).min(width);
+            (group, u32::MAX >> (u32::BITS - worlds as u32))
+        })
+    }
+
+    fn read<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Matrix<'py>, Forces<'py>, Matrix<'py>)> {
+        let Sizes { nq, nv, nbody, touch, .. } = self.sizes;
+        let (qpos, qvel) =
+            (PyArray2::zeros(py, [self.count, nq], false), PyArray2::zeros(py, [self.count, nv], false));
+        let forces = PyArray3::zeros(py, [self.count, nbody, 6], false);
+        let touches = PyArray2::zeros(py, [self.count, touch], false);
+        {
+            let (mut positions, mut velocities) = (qpos.readwrite(), qvel.readwrite());
+            let (mut loads, mut readings) = (forces.readwrite(), touches.readwrite());
+            let positions = positions.as_slice_mut().map_err(not_contiguous)?;
+            let velocities = velocities.as_slice_mut().map_err(not_contiguous)?;
+            let loads = loads.as_slice_mut().map_err(not_contiguous)?;
+            let readings = readings.as_slice_mut().map_err(not_contiguous)?;
+            for world in 0..self.count {
+                let readout = Readout {
+                    qpos: &mut positions[world * nq..][..nq],
+                    qvel: &mut velocities[world * nv..][..nv],
+                    cfrc_ext: &mut loads[world * nbody * 6..][..nbody * 6],
+                    touch: &mut readings[world * touch..][..touch],
+                };
+                self.groups[world / self.width].read(world % self.width, readout);
+            }
+        }
+        Ok((qpos, qvel, forces, touches))
+    }
+}
+
+/// The lane engine's view of a class table; any robot that it does not know is refused.
+fn lane_table(table: &Bound<'_, PyAny>) -> PyResult<LaneTable> {
+    match ClassTable::read(table)?.choose(BackendKind::Lanes)? {
+        Choice::Lanes(table) => Ok(table),
+        Choice::Mujoco { note } => Err(raise(Kind::Config, note)),
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+#[pymethods]
+impl PyLaneWorlds {
+    #[new]
+    #[pyo3(signature = (table, classes, precision="f64", simd=None))]
+    fn new(
+        table: &Bound<'_, PyAny>,
+        classes: PyReadonlyArray1<'_, i64>,
+        precision: &str,
+        simd: Option<&str>,
+    ) -> PyResult<Self> {
+        let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
+        let simd = match simd {
+            None => self::simd(),
+            name => select_simd(name, "simd"),
+        };
+        let simd = simd.map_err(|error| from_sim(&error))?;
+        let table = lane_table(table)?;
+        let engine = table.engine(precision, simd).map_err(|error| from_sim(&error))?;
+        let classes = classes.as_slice().map_err(not_contiguous)?;
+        let width = engine.width();
+        let mut groups: Vec<_> = (0..classes.len().div_ceil(width)).map(|_| engine.group()).collect();
+        for (world, &class) in classes.iter().enumerate() {
+            let class = usize::try_from(class).ok().filter(|&class| class < table.classes());
+            let class = class.ok_or_else(|| {
+                let last = table.classes() - 1;
+                let message = format!("classes[{world}] is {}, expected 0 to {last}", classes[world]);
+                raise(Kind::Config, message)
+            })?;
+            groups[world / width].set_class(world % width, class);
+        }
+        Ok(Self { groups, count: classes.len(), width, sizes: table.sizes(), simd, precision })
+    }
+
+    /// Worlds in a register.
+    #[getter]
+    fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Instruction set.
+    #[getter]
+    fn simd(&self) -> &str {
+        self.simd.name()
+    }
+
+    /// Floating-point format.
+    #[getter]
+    fn precision(&self) -> &str {
+        self.precision.name()
+    }
+
+    /// Accelerations, external contact forces and touch in given states, as of `mj_forward`.
+    fn forward<'py>(
+        &mut self,
+        py: Python<'py>,
+        qpos: PyReadonlyArray2<'py, f64>,
+        qvel: PyReadonlyArray2<'py, f64>,
+        ctrl: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Matrix<'py>, Forces<'py>, Matrix<'py>)> {
+        self.place(&qpos, &qvel, &ctrl)?;
+        self.groups().for_each(|(group, lanes)| group.forward(lanes));
+        let nv = self.sizes.nv;
+        let qacc = PyArray2::zeros(py, [self.count, nv], false);
+        {
+            let mut accelerations = qacc.readwrite();
+            let rows = accelerations.as_slice_mut().map_err(not_contiguous)?.chunks_exact_mut(nv);
+            for (world, row) in rows.enumerate() {
+                self.groups[world / self.width].accelerations(world % self.width, row);
+            }
+        }
+        let (_, _, forces, touch) = self.read(py)?;
+        Ok((qacc, forces, touch))
+    }
+
+    /// States, external contact forces and touch after `substeps` steps from given states.
+    fn step<'py>(
+        &mut self,
+        py: Python<'py>,
+        qpos: PyReadonlyArray2<'py, f64>,
+        qvel: PyReadonlyArray2<'py, f64>,
+        ctrl: PyReadonlyArray2<'py, f64>,
+        substeps: usize,
+    ) -> PyResult<(Matrix<'py>, Matrix<'py>, Forces<'py>, Matrix<'py>)> {
+        self.place(&qpos, &qvel, &ctrl)?;
+        self.groups().for_each(|(group, lanes)| group.step(lanes, substeps));
+        self.read(py)
+    }
+}

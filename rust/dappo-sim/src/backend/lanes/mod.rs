@@ -1,0 +1,196 @@
+//! The `lanes` backend: the lane engine, several envs in the lanes of a register.
+//!
+//! Env i lives in lane i mod width of group i / width. It knows limbed robots on a level floor only; every
+//! other robot is refused with the reason, and belongs to the `mujoco` backend.
+
+mod arrays;
+mod block;
+mod compile;
+mod contacts;
+mod geometry;
+mod joints;
+mod refuse;
+mod simd;
+mod softness;
+mod tree;
+
+use rayon::prelude::*;
+
+use super::{Backend, BackendSnapshot, ObsRows, Precision, Reset, StepOutputs, check_class, thread_pool};
+use crate::error::{SimError, expect_len};
+use crate::terms::Task;
+
+pub use arrays::{ModelArrays, ModelReader};
+use block::{Block, BlockOutputs};
+pub use compile::{LaneTable, Sizes};
+pub use dappo_lanes::{Group, Readout, Simd};
+pub use simd::{select as select_simd, simd};
+
+/// The lane engine × rayon.
+pub struct LanesBackend {
+    task: Task,
+    table: LaneTable,
+    precision: Precision,
+    pool: rayon::ThreadPool,
+    /// Envs in a block.
+    width: usize,
+    blocks: Vec<Block>,
+    classes: Vec<usize>,
+}
+
+impl LanesBackend {
+    /// A backend for `num_envs` robots of a table.
+    pub fn new(
+        task: Task,
+        table: LaneTable,
+        precision: Precision,
+        simd: Simd,
+        num_envs: usize,
+        threads: usize,
+    ) -> Result<Self, SimError> {
+        let pool = thread_pool(num_envs, threads)?;
+        let engine = table.engine(precision, simd)?;
+        let width = engine.width();
+        let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &table)).collect();
+        Ok(Self { task, table, precision, pool, width, blocks, classes: vec![0; num_envs] })
+    }
+
+    /// The block of an env, and its lane in it.
+    fn place(&self, env: usize) -> (usize, usize) {
+        (env / self.width, env % self.width)
+    }
+}
+
+impl Backend for LanesBackend {
+    fn name(&self) -> &'static str {
+        "lanes"
+    }
+
+    fn precision(&self) -> &'static str {
+        self.precision.name()
+    }
+
+    fn num_envs(&self) -> usize {
+        self.classes.len()
+    }
+
+    fn num_threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    fn num_classes(&self) -> usize {
+        self.table.classes()
+    }
+
+    fn task(&self) -> &Task {
+        &self.task
+    }
+
+    fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
+        let mut wanted: Vec<Option<Reset>> = vec![None; self.num_envs()];
+        for reset in resets {
+            check_class(reset.class, self.table.classes())?;
+            self.classes[reset.env] = reset.class;
+            wanted[reset.env] = Some(*reset);
+        }
+        let (task, table, width, stride) = (&self.task, &self.table, self.width, obs.stride);
+        self.pool.install(|| {
+            (self.blocks.par_iter_mut(), wanted.par_chunks(width), obs.data.par_chunks_mut(width * stride))
+                .into_par_iter()
+                .filter(|(_, resets, _)| resets.iter().any(Option::is_some))
+                .for_each(|(block, resets, obs)| block.reset(task, table, resets, obs, stride));
+        });
+        Ok(())
+    }
+
+    fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<(), SimError> {
+        for &(env, class) in changes {
+            check_class(class, self.table.classes())?;
+            let (block, lane) = self.place(env);
+            self.blocks[block].set_class(lane, class);
+            self.classes[env] = class;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError> {
+        let (task, table, width) = (&self.task, &self.table, self.width);
+        let nu = task.layout().nu;
+        expect_len("actions", actions.len(), self.classes.len() * nu)?;
+        expect_len("skip", skip.len(), self.classes.len())?;
+        let stride = outputs.obs.stride;
+        self.pool.install(|| {
+            (
+                self.blocks.par_iter_mut(),
+                self.classes.par_chunks(width),
+                skip.par_chunks(width),
+                actions.par_chunks(width * nu),
+                outputs.obs.data.par_chunks_mut(width * stride),
+                outputs.rewards.par_chunks_mut(width),
+                outputs.terminated.par_chunks_mut(width),
+                outputs.forward_velocity.par_chunks_mut(width),
+            )
+                .into_par_iter()
+                .for_each(
+                    |(block, classes, skip, actions, obs, rewards, terminated, forward_velocity)| {
+                        let mut outputs = BlockOutputs { obs, stride, rewards, terminated, forward_velocity };
+                        block.step(task, table, classes, skip, actions, &mut outputs);
+                    },
+                );
+        });
+        Ok(())
+    }
+
+    fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {
+        let (nq, nv) = (self.task.layout().nq, self.task.layout().nv);
+        expect_len("qpos", qpos.len(), self.num_envs() * nq)?;
+        expect_len("qvel", qvel.len(), self.num_envs() * nv)?;
+        for (env, (qpos, qvel)) in qpos.chunks_exact_mut(nq).zip(qvel.chunks_exact_mut(nv)).enumerate() {
+            let (block, lane) = self.place(env);
+            self.blocks[block].state(lane, qpos, qvel);
+        }
+        Ok(())
+    }
+
+    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError> {
+        let (task, table, width, stride) = (&self.task, &self.table, self.width, obs.stride);
+        let (nq, nv) = (task.layout().nq, task.layout().nv);
+        expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
+        expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
+        self.pool.install(|| {
+            (
+                self.blocks.par_iter_mut(),
+                self.classes.par_chunks(width),
+                qpos.par_chunks(width * nq),
+                qvel.par_chunks(width * nv),
+                obs.data.par_chunks_mut(width * stride),
+            )
+                .into_par_iter()
+                .for_each(|(block, classes, qpos, qvel, obs)| {
+                    block.set_state(task, table, classes, (qpos, qvel), obs, stride);
+                });
+        });
+        Ok(())
+    }
+
+    fn snapshot(&self) -> BackendSnapshot {
+        let row = self.blocks[0].row();
+        let mut rows = vec![0.0; self.num_envs() * row];
+        for (env, row) in rows.chunks_exact_mut(row).enumerate() {
+            let (block, lane) = self.place(env);
+            self.blocks[block].save(lane, row);
+        }
+        BackendSnapshot { row, rows, classes: self.classes.clone() }
+    }
+
+    fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {
+        let row = self.blocks[0].row();
+        snapshot.check(row, self.num_envs(), self.table.classes())?;
+        for (env, row) in snapshot.rows.chunks_exact(row).enumerate() {
+            let (block, lane) = self.place(env);
+            self.blocks[block].load(lane, snapshot.classes[env], row);
+        }
+        self.classes.copy_from_slice(&snapshot.classes);
+        Ok(())
+    }
+}
