@@ -42,6 +42,17 @@ def state_spec() -> int:
     )
 
 
+def divergence_counters(data: mujoco.MjData) -> list[int]:
+    """Return the addresses of the counters of diverged positions, velocities and accelerations.
+
+    ``mj_step`` resets the data of a robot whose numbers are not finite or too large, and goes on as if
+    nothing had happened. These counters of warnings (C ``int``) are the only trace that it leaves.
+    """
+    warnings = mujoco.mjtWarning
+    found = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)
+    return [data.warning.number[int(warning) :].ctypes.data for warning in found]
+
+
 def integrator_name(table: ClassTable) -> str:
     """Return the integrator of a class table's models, for example ``rk4``."""
     name: str = mujoco.mjtIntegrator(table.models[0].opt.integrator).name

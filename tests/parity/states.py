@@ -56,6 +56,19 @@ def evaluate(model: mujoco.MjModel, states: States) -> Reference:
     return Reference(*map(np.array, zip(*results, strict=True)))
 
 
+def advance(model: mujoco.MjModel, states: States, substeps: int) -> tuple[Array, Array]:
+    """Let MuJoCo go on from every state; return positions [N, nq] and velocities [N, nv]."""
+    data = mujoco.MjData(model)
+    results = []
+    for qpos, qvel, ctrl in zip(*states, strict=True):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, ctrl
+        mujoco.mj_step(model, data, nstep=substeps)
+        results.append((data.qpos.copy(), data.qvel.copy()))
+    qpos, qvel = map(np.array, zip(*results, strict=True))
+    return qpos, qvel
+
+
 def _controls(model: mujoco.MjModel, rng: np.random.Generator) -> Array:
     low, high = model.actuator_ctrlrange.T
     return rng.uniform(low, high)
@@ -146,7 +159,7 @@ def of_all_classes(table: ClassTable, kind: str, count: int) -> tuple[NDArray[np
 
 
 def relative_error(got: Array, expected: Array, scale: Array | None = None) -> float:
-    """Return the largest error of a world, max|Δ| / (1 + max|scale|), where `scale` is `expected` by default."""
+    """Return the largest error of a world, max|Δ| / (1 + max|scale|); `scale` is `expected` by default."""
     scale = expected if scale is None else scale
     got, expected, scale = (array.reshape(len(array), -1) for array in (got, expected, scale))
     if expected.shape[1] == 0:

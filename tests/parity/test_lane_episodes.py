@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -66,24 +68,55 @@ def test_results_depend_neither_on_threads_nor_on_the_number_of_envs(
     assert np.array_equal(run(13, 1), expected)
 
 
-def test_fuzzed_states_and_actions_neither_panic_nor_diverge_alone(table: ClassTable) -> None:
-    """Wild states may end an episode at once, but the observation stays finite where MuJoCo's would."""
+@pytest.mark.parametrize(("backend", "precision"), [("lanes", "f32"), ("lanes", "f64"), ("mujoco", "f64")])
+def test_fuzzed_states_and_actions_lead_to_finite_numbers_alone(
+    table: ClassTable, backend: str, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for MUJOCO_LOG.TXT
     rng = np.random.default_rng(7)
-    envs = dappo_batch.make_vec(table, 256, backend="lanes", precision="f32", seed=1)
+    envs = dappo_batch.make_vec(table, 256, backend=backend, precision=precision, seed=1)
     envs.reset()
     model = table.models[0]
-    for scale in (0.1, 1.0, 10.0, 100.0):
+    for scale in (0.1, 1.0, 10.0, 100.0, 1e3, 1e5, 1e9, 1e20, 1e200):
         qpos = model.qpos0 + scale * rng.normal(size=(256, model.nq))
         qvel = scale * rng.normal(size=(256, model.nv))
-        obs = envs.set_state(qpos, qvel)
-        assert np.isfinite(obs).all()
-        for _ in range(5):
+        envs.set_state(qpos, qvel)
+        for _ in range(6):
             actions = rng.choice([-1e6, -1.0, 0.0, 1.0, 1e6], (256, model.nu)).astype(np.float32)
-            obs, rewards, _, _, _ = envs.step(actions)
-            assert np.isfinite(rewards).all()
-            # Ended episodes begin anew, so that nothing non-finite is left.
-            assert np.isfinite(obs).mean() > 0.9
-    for _ in range(3):
-        obs, _, _, _, _ = envs.step(np.zeros((256, model.nu), dtype=np.float32))
-    assert np.isfinite(obs).all()
+            obs, rewards, _, _, infos = envs.step(actions)
+            assert np.isfinite(obs).all(), scale
+            assert np.isfinite(rewards).all(), scale
+            assert np.isfinite(infos["forward_velocity"]).all(), scale
+    # What is beyond MuJoCo's bounds has diverged, most of it at once.
+    assert envs.diverged > 3 * 256
     envs.close()
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_the_same_wild_states_end_the_episode_as_with_mujoco(
+    table: ClassTable, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # for MUJOCO_LOG.TXT
+    count, model = 256, table.models[0]
+    lanes, mujoco = (
+        dappo_batch.make_vec(
+            table, count, backend=name, precision=precision, autoreset="disabled", seed=1, damage="healthy"
+        )
+        for name in ("lanes", "mujoco")
+    )
+    rng = np.random.default_rng(7)
+    for scale in (0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e8, 1e12):
+        qpos = model.qpos0 + scale * rng.normal(size=(count, model.nq))
+        qvel = scale * rng.normal(size=(count, model.nv))
+        actions = rng.choice([-1.0, 1.0], (count, model.nu)).astype(np.float32)
+        ends, resets = [], []
+        for envs in (lanes, mujoco):
+            before = envs.diverged
+            envs.reset()
+            envs.set_state(qpos, qvel)
+            ends.append(envs.step(actions)[2])
+            resets.append(~envs.get_state()[1].any(1))  # only what diverged is at rest
+            assert resets[-1].sum() == envs.diverged - before
+        np.testing.assert_array_equal(*ends, err_msg=str(scale))
+        # MuJoCo looks at every substep, the lane engine at the last one alone.
+        assert (resets[0] == resets[1]).mean() > 0.9, scale

@@ -16,7 +16,7 @@ from typing import Any
 __all__ = ["LearnerShare", "learner_share"]
 
 _TRAIN = "from dappo_batch.cli import main; main()"
-_STEPS = 40_000  # a few iterations of the configurations that come with the robots
+_STEPS = 200_000  # a few iterations of the configurations that come with the robots
 
 
 @dataclass(frozen=True)

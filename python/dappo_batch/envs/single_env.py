@@ -151,7 +151,7 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward : float
             Sum of the weighted terms of the chosen reward.
         terminated : bool
-            The robot fell or its state is not finite.
+            The robot fell, or its physics diverged.
         truncated : bool
             The time limit was reached; never without `max_episode_steps`.
         info : dict

@@ -180,6 +180,16 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         """Floating-point format of the simulation, ``"f32"`` or ``"f64"``."""
         return self._core.precision
 
+    @property
+    def diverged(self) -> int:
+        """How often the physics of an env has diverged since this object was made.
+
+        Then a number of its state is not finite, or position, velocity or acceleration have an entry beyond
+        1e10, MuJoCo's own bound. The step is ``terminated`` with reward and forward velocity 0, and its
+        observation shows the robot at rest in the reference pose of its damage class.
+        """
+        return self._core.diverged
+
     def reset(
         self, *, seed: Seed = None, options: Mapping[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], Infos]:
@@ -250,7 +260,7 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
             In mode ``same_step``, the first observation of the new episode where one ended.
         rewards : array of shape [N]
         terminated : array of shape [N]
-            The robot fell or its state is not finite.
+            The robot fell, or its physics diverged (see `diverged`).
         truncated : array of shape [N]
             The time limit was reached.
         infos : dict

@@ -142,7 +142,9 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     #[inline(always)]
     fn forward_lanes(&mut self, mask: T::Mask, dynamics: &mut Dynamics<T, L, J>) {
         let skeleton = &self.robot.skeleton;
-        dynamics.update(skeleton, &self.constants, &self.state, &self.ctrl);
+        let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
+        substep.forward(&self.state);
+        let dynamics = substep.dynamics;
         let qacc = dynamics.qacc();
         self.qacc.replace(mask, &qacc);
         self.state.warm_start.replace(mask, &qacc);

@@ -17,6 +17,8 @@ pub struct Metrics {
     /// Episodes that ended in this iteration and their means.
     #[serde(flatten)]
     pub episodes: EpisodeSummary,
+    /// How often the physics of an env diverged in this iteration; such episodes are among the falls.
+    pub diverged: u64,
     /// What the update reports.
     #[serde(flatten)]
     pub losses: PpoLosses,

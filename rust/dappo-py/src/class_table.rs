@@ -151,9 +151,11 @@ impl<'py> ClassTable<'py> {
             field("sensordata")?,
             main_body_xpos,
         ];
+        let library = data.py().import("dappo_batch.mujoco_library")?;
+        let divergences: [usize; 3] = library.call_method1("divergence_counters", (data,))?.extract()?;
         let address: usize = data.getattr("_address")?.extract()?;
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
         // which the owner keeps alive.
-        Ok(unsafe { WorkerFields::new(address, fields, Box::new(data.clone().unbind())) })
+        Ok(unsafe { WorkerFields::new(address, fields, divergences, Box::new(data.clone().unbind())) })
     }
 }

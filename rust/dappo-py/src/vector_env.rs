@@ -184,6 +184,12 @@ impl PyVectorEnv {
         Ok(self.env()?.backend().precision())
     }
 
+    /// How often the physics of an env has diverged since the env was made.
+    #[getter]
+    fn diverged(&self) -> PyResult<u64> {
+        Ok(self.env()?.diverged())
+    }
+
     /// Starts new episodes in all envs or those of a mask.
     #[pyo3(signature = (*, seeds=None, mask=None, classes=None, onsets=None))]
     fn reset(

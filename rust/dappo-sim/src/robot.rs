@@ -81,7 +81,7 @@ pub struct ResetNoise {
     pub qvel_noise: f64,
 }
 
-/// An episode ends when the root leaves this range of heights or any state is not finite.
+/// An episode ends when the root leaves this range of heights, or when the physics diverges.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Termination {

@@ -243,6 +243,24 @@ fn a_restored_env_goes_on_as_the_one_it_was_saved_from() {
 }
 
 #[test]
+fn divergences_are_counted_over_the_life_of_an_env_and_end_its_episodes() {
+    let diverge = [1.0, 2.0, 1.0, 0.0];
+    for mode in [Autoreset::NextStep, Autoreset::SameStep, Autoreset::Disabled] {
+        let mut env = started(config(2, mode));
+        let saved = env.snapshot();
+        env.step(&diverge).unwrap();
+        assert_eq!((env.diverged(), &env.buffers().terminated[..]), (1, &[true, false][..]), "{mode:?}");
+        assert_eq!(env.buffers().rewards, [0.0, 1.0], "{mode:?}");
+        env.reset(ResetOptions::default()).unwrap();
+        env.step(&FALL).unwrap();
+        assert_eq!(env.diverged(), 1, "a fall is none, {mode:?}");
+        env.restore(&saved).unwrap();
+        env.step(&diverge).unwrap();
+        assert_eq!(env.diverged(), 2, "no part of a snapshot, {mode:?}");
+    }
+}
+
+#[test]
 fn a_policy_that_is_unaware_of_damage_gets_no_code() {
     let settings = VectorEnvConfig { observe_damage: false, ..config(2, Autoreset::SameStep) };
     let mut env = started(settings);

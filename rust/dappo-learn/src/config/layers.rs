@@ -80,11 +80,12 @@ impl Layers {
     }
 }
 
-/// Steps an iteration that make a batch of about `BATCH` transitions, within bounds that keep advantage
-/// estimates meaningful (many envs) and updates frequent (few envs).
+/// Steps an iteration: from many envs a batch of 32 768 transitions, of at least 16 steps so that advantage
+/// estimates mean something; from few envs at least 4096, within 512 steps so that updates come often.
 fn horizon_for(num_envs: usize) -> usize {
-    const BATCH: usize = 4096;
-    (BATCH / num_envs.max(1)).clamp(16, 512)
+    let of_many = (32_768 / num_envs.max(1)).clamp(16, 128);
+    let of_few = (4096 / num_envs.max(1)).min(512);
+    of_many.max(of_few)
 }
 
 fn merge(base: &mut toml::Table, over: toml::Table) {
@@ -139,6 +140,7 @@ mod tests {
     fn the_horizon_follows_from_the_number_of_envs_unless_it_is_given() {
         let horizon = |text: &str| toy(text).resolve().unwrap().horizon;
         assert_eq!(horizon("[env]\nnum_envs = 32"), 128);
+        assert_eq!(horizon("[env]\nnum_envs = 1024"), 32);
         assert_eq!(horizon("[env]\nnum_envs = 4096"), 16);
         assert_eq!(horizon("[env]\nnum_envs = 1"), 512);
         assert_eq!(horizon("horizon = 7\n[env]\nnum_envs = 1"), 7);

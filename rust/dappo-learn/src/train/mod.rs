@@ -91,6 +91,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
         env_steps: session.progress.env_steps,
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
+        diverged: session.diverged(),
         losses,
         rollout_seconds: (collected - start).as_secs_f64(),
         update_seconds: (updated - collected).as_secs_f64(),

@@ -22,6 +22,8 @@ pub(super) struct Session {
     noise_keys: Vec<u64>,
     robot: String,
     keep: usize,
+    /// Divergences of the physics that have been reported.
+    diverged: u64,
 }
 
 impl Session {
@@ -41,6 +43,7 @@ impl Session {
             noise_keys,
             robot: factory.robot().name.clone(),
             keep: config.checkpoint.keep,
+            diverged: 0,
         })
     }
 
@@ -70,6 +73,12 @@ impl Session {
             self.progress.stage = stage;
         }
         Ok(())
+    }
+
+    /// How often the physics of an env has diverged since the last call.
+    pub fn diverged(&mut self) -> u64 {
+        let before = std::mem::replace(&mut self.diverged, self.env.diverged());
+        self.diverged - before
     }
 
     /// Collects one rollout.

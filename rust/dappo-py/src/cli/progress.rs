@@ -18,6 +18,7 @@ pub struct Display {
     iterations: u64,
     steps_an_iteration: u64,
     last_forward: Option<f64>,
+    diverged: u64,
 }
 
 impl Display {
@@ -35,17 +36,25 @@ impl Display {
             iterations: config.total_steps.div_ceil(steps_an_iteration),
             steps_an_iteration,
             last_forward: None,
+            diverged: 0,
         }
     }
 
-    /// Removes the bar.
+    /// Removes the bar, and says what went wrong on the way.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
+        if self.diverged > 0 && !self.json {
+            console::note(&format!(
+                "divergences of the physics: {}; each ended its episode, and `diverged` in metrics.jsonl says when",
+                self.diverged
+            ));
+        }
     }
 }
 
 impl Observer for Display {
     fn iteration(&mut self, metrics: &Metrics) {
+        self.diverged += metrics.diverged;
         if self.json {
             if let Ok(line) = serde_json::to_string(metrics) {
                 console::print_line(&line);

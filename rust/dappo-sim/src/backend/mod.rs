@@ -116,10 +116,16 @@ pub trait Backend: Send + Sync {
 
     /// Advances every env by one env step, except those marked in `skip`, whose outputs are left alone.
     ///
+    /// An env whose physics diverges fails: it is terminated with reward and velocity 0, and then stands at rest in
+    /// the reference pose of its class, which is what its observation shows.
+    ///
     /// # Shapes
     /// - `actions`: `[N, nu]`, clipped to ±1
     /// - `skip`: `[N]`
     fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError>;
+
+    /// How often the physics of an env has diverged since the backend was made.
+    fn diverged(&self) -> u64;
 
     /// Reads positions and velocities of all envs.
     ///
@@ -182,10 +188,17 @@ fn control(task: &Task, action: f32) -> f64 {
     task.action_scale * f64::from(action.clamp(-1.0, 1.0))
 }
 
-/// Velocity over an env step. A diverged world has none; 0 keeps it out of everybody else's averages.
+/// Velocity over an env step.
 fn velocity(task: &Task, before: f64, after: f64) -> f64 {
-    let velocity = (after - before) / task.dt();
-    if velocity.is_finite() { velocity } else { 0.0 }
+    (after - before) / task.dt()
+}
+
+/// `mjMAXVAL`: MuJoCo takes a state or an acceleration with a greater entry for diverged.
+const MAX_VALUE: f64 = 1e10;
+
+/// Whether the physics cannot go on from these numbers (`mju_isBad`).
+fn out_of_bounds(values: &[f64]) -> bool {
+    values.iter().any(|value| value.is_nan() || value.abs() > MAX_VALUE)
 }
 
 /// The threads of a backend.

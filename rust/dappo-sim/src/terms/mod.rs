@@ -11,7 +11,7 @@ pub use observation::ObservationTerm;
 pub use reward::RewardTerm;
 pub use task::Task;
 
-/// The physics of one env after a step, as MuJoCo names it.
+/// The physics of one env after a step, as MuJoCo names it; it has not diverged.
 #[derive(Debug, Clone, Copy)]
 pub struct Signals<'a> {
     /// Positions, `[nq]`.

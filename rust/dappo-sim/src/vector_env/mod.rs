@@ -167,6 +167,12 @@ impl VectorEnv {
         self.backend.as_ref()
     }
 
+    /// How often the physics of an env has diverged since the env was made.
+    #[must_use]
+    pub fn diverged(&self) -> u64 {
+        self.backend.diverged()
+    }
+
     /// Results of the last step or reset.
     #[must_use]
     pub fn buffers(&self) -> &Buffers {

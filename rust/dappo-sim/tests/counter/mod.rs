@@ -29,12 +29,14 @@ pub const ROW: usize = 3;
 /// Length of a damage code.
 pub const CODE: usize = 8;
 
-/// Counts instead of simulating. The first action component is the reward; the second, above 0.5, is a fall.
+/// Counts instead of simulating. The first action component is the reward; the second, above 0.5, is a fall, and above
+/// 1.5 a divergence.
 pub struct Counter {
     task: Task,
     rows: Vec<f64>,
     classes: Vec<usize>,
     table: usize,
+    diverged: u64,
 }
 
 impl Counter {
@@ -51,7 +53,7 @@ impl Counter {
             touch_addresses: vec![],
         };
         let task = Task::new(&Robot::from_toml(ROBOT).unwrap(), &layout, None).unwrap();
-        Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
+        Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table, diverged: 0 }
     }
 
     fn observe(&self, env: usize, obs: &mut ObsRows<'_>) {
@@ -113,9 +115,17 @@ impl Backend for Counter {
             rewards[env] = f64::from(actions[2 * env]);
             terminated[env] = actions[2 * env + 1] > 0.5;
             forward_velocity[env] = 10.0 * self.rows[env * ROW + 1];
+            if actions[2 * env + 1] > 1.5 {
+                self.diverged += 1;
+                (rewards[env], forward_velocity[env]) = (0.0, 0.0);
+            }
             self.observe(env, &mut obs);
         }
         Ok(())
+    }
+
+    fn diverged(&self) -> u64 {
+        self.diverged
     }
 
     fn state(&self, qpos: &mut [f64], _: &mut [f64]) -> Result<(), SimError> {

@@ -3,7 +3,7 @@
 use dappo_lanes::{Group, Readout};
 
 use super::compile::{LaneTable, Sizes};
-use crate::backend::{Reset, control, velocity};
+use crate::backend::{Reset, control, out_of_bounds, velocity};
 use crate::terms::{Signals, Task};
 
 /// A group, and where one of its lanes is read to.
@@ -15,6 +15,7 @@ pub(super) struct Block {
     ctrl: Vec<f64>,
     qpos: Vec<f64>,
     qvel: Vec<f64>,
+    qacc: Vec<f64>,
     cfrc_ext: Vec<f64>,
     touch: Vec<f64>,
 }
@@ -39,6 +40,7 @@ impl Block {
             ctrl: vec![0.0; width * nu],
             qpos: vec![0.0; nq],
             qvel: vec![0.0; nv],
+            qacc: vec![0.0; nv],
             cfrc_ext: vec![0.0; nbody * 6],
             touch: vec![0.0; touch],
         };
@@ -112,7 +114,7 @@ impl Block {
         }
     }
 
-    /// Advances the envs of the block by one env step, but for those to skip.
+    /// Advances the envs of the block by one env step, but for those to skip; returns how many diverged.
     pub fn step(
         &mut self,
         task: &Task,
@@ -121,12 +123,12 @@ impl Block {
         skip: &[bool],
         actions: &[f32],
         outputs: &mut BlockOutputs<'_>,
-    ) {
+    ) -> u64 {
         let nu = task.layout().nu;
         let stepped = || (0..classes.len()).filter(|&lane| !skip[lane]);
         let lanes = mask(stepped());
         if lanes == 0 {
-            return;
+            return 0;
         }
         for lane in stepped() {
             let ctrl = &mut self.ctrl[lane * nu..(lane + 1) * nu];
@@ -139,9 +141,14 @@ impl Block {
             self.before[lane] = self.group.evaluated_x(lane);
         }
         self.group.step(lanes, task.frame_skip);
+        let mut diverged = 0;
         for lane in stepped() {
-            let forward = velocity(task, self.before[lane], self.group.evaluated_x(lane));
             self.read(lane);
+            if self.has_diverged(lane) {
+                diverged |= 1 << lane;
+                continue;
+            }
+            let forward = velocity(task, self.before[lane], self.group.evaluated_x(lane));
             let signals = self.signals(lane, nu, table.muted_touch(classes[lane]), forward);
             let terminated = task.terminated(&signals);
             outputs.rewards[lane] = task.reward(&signals, terminated);
@@ -149,6 +156,37 @@ impl Block {
             outputs.forward_velocity[lane] = forward;
             task.observe(&signals, &mut outputs.obs[lane * outputs.stride..][..task.obs_dim()]);
         }
+        if diverged != 0 {
+            self.fail(task, table, classes, diverged, outputs);
+        }
+        u64::from(diverged.count_ones())
+    }
+
+    /// Whether the lane that has just been read is beyond what the physics can go on from.
+    fn has_diverged(&mut self, lane: usize) -> bool {
+        self.group.accelerations(lane, &mut self.qacc);
+        [&self.qpos, &self.qvel, &self.qacc].into_iter().any(|values| out_of_bounds(values))
+    }
+
+    /// Ends the episodes of the lanes that diverged, and puts these into their reference pose, at rest.
+    fn fail(
+        &mut self,
+        task: &Task,
+        table: &LaneTable,
+        classes: &[usize],
+        lanes: u32,
+        outputs: &mut BlockOutputs<'_>,
+    ) {
+        let class_of = |lane: usize| (lanes >> lane & 1 == 1).then(|| classes[lane]);
+        self.qvel.fill(0.0);
+        for lane in 0..classes.len() {
+            let Some(class) = class_of(lane) else { continue };
+            self.group.set_state(lane, table.start(class), &self.qvel);
+            outputs.rewards[lane] = 0.0;
+            outputs.terminated[lane] = true;
+            outputs.forward_velocity[lane] = 0.0;
+        }
+        self.begin(task, table, classes.len(), class_of, outputs.obs, outputs.stride);
     }
 
     pub fn set_class(&mut self, lane: usize, class: usize) {

@@ -30,6 +30,7 @@ pub struct MujocoBackend {
     row: usize,
     rows: Vec<f64>,
     classes: Vec<usize>,
+    diverged: u64,
 }
 
 impl MujocoBackend {
@@ -55,6 +56,7 @@ impl MujocoBackend {
             row,
             rows: vec![0.0; num_envs * row],
             classes: vec![0; num_envs],
+            diverged: 0,
         })
     }
 }
@@ -124,7 +126,7 @@ impl Backend for MujocoBackend {
         expect_len("actions", actions.len(), self.classes.len() * nu)?;
         expect_len("skip", skip.len(), self.classes.len())?;
         let obs_dim = task.obs_dim();
-        self.pool.install(|| {
+        let diverged: u64 = self.pool.install(|| {
             (
                 self.rows.par_chunks_mut(self.row),
                 self.classes.par_iter(),
@@ -136,19 +138,31 @@ impl Backend for MujocoBackend {
                 outputs.forward_velocity.par_iter_mut(),
             )
                 .into_par_iter()
-                .for_each(|(row, &class, &skip, action, obs, reward, terminated, velocity)| {
+                .map(|(row, &class, &skip, action, obs, reward, terminated, velocity)| {
                     if skip {
-                        return;
+                        return 0;
                     }
                     let mut worker = worker(workers);
-                    *velocity = worker.step(task, table, class, row, action);
+                    let Some(forward) = worker.step(task, table, class, row, action) else {
+                        worker.restart(task, table, class, row, &mut obs[..obs_dim]);
+                        (*reward, *terminated, *velocity) = (0.0, true, 0.0);
+                        return 1;
+                    };
+                    *velocity = forward;
                     let signals = worker.signals(table, class, *velocity);
                     *terminated = task.terminated(&signals);
                     *reward = task.reward(&signals, *terminated);
                     task.observe(&signals, &mut obs[..obs_dim]);
-                });
+                    0
+                })
+                .sum()
         });
+        self.diverged += diverged;
         Ok(())
+    }
+
+    fn diverged(&self) -> u64 {
+        self.diverged
     }
 
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {

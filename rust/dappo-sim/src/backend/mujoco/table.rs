@@ -80,6 +80,8 @@ pub struct WorkerFields {
     pub(super) cfrc_ext: Field,
     pub(super) sensordata: Field,
     pub(super) main_body_xpos: Field,
+    /// Addresses of the counters (`int`) of states that were beyond bounds.
+    pub(super) divergences: [usize; 3],
     pub(super) _owner: Box<dyn Any + Send + Sync>,
 }
 
@@ -88,11 +90,27 @@ impl WorkerFields {
     ///
     /// # Safety
     /// `data` must be a valid `mjData` that nobody else uses while this value lives, the fields must be its
-    /// arrays of that name (`main_body_xpos`: the three entries of the main body's `xpos`), and all of it
-    /// must stay where it is for as long as `owner` lives.
+    /// arrays of that name (`main_body_xpos`: the three entries of the main body's `xpos`), `divergences` the
+    /// addresses of `number` of its warnings `BADQPOS`, `BADQVEL` and `BADQACC`, and all of it must stay where it is
+    /// for as long as `owner` lives.
     #[must_use]
-    pub unsafe fn new(data: usize, fields: [Field; 6], owner: Box<dyn Any + Send + Sync>) -> Self {
+    pub unsafe fn new(
+        data: usize,
+        fields: [Field; 6],
+        divergences: [usize; 3],
+        owner: Box<dyn Any + Send + Sync>,
+    ) -> Self {
         let [qpos, qvel, ctrl, cfrc_ext, sensordata, main_body_xpos] = fields;
-        Self { data: data as Data, qpos, qvel, ctrl, cfrc_ext, sensordata, main_body_xpos, _owner: owner }
+        Self {
+            data: data as Data,
+            qpos,
+            qvel,
+            ctrl,
+            cfrc_ext,
+            sensordata,
+            main_body_xpos,
+            divergences,
+            _owner: owner,
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::library::{Data, MujocoLibrary};
 use super::table::{Field, ModelTable, WorkerFields};
-use crate::backend::{Reset, control, velocity};
+use crate::backend::{Reset, control, out_of_bounds, velocity};
 use crate::error::SimError;
 use crate::terms::{Signals, Task};
 
@@ -97,6 +97,19 @@ impl Worker {
         self.begin(task, table, class, row, obs);
     }
 
+    /// Puts the env into the reference pose of its class, at rest.
+    pub(super) fn restart(
+        &mut self,
+        task: &Task,
+        table: &ModelTable,
+        class: usize,
+        row: &mut [f64],
+        obs: &mut [f32],
+    ) {
+        self.clear(table, class);
+        self.begin(task, table, class, row, obs);
+    }
+
     fn clear(&mut self, table: &ModelTable, class: usize) {
         // SAFETY: model and data are valid and of equal sizes.
         unsafe { (self.library.reset_data)(table.model(class), self.data()) };
@@ -109,7 +122,7 @@ impl Worker {
         task.observe(&self.signals(table, class, 0.0), obs);
     }
 
-    /// Advances the env by one env step and returns its forward velocity, m/s.
+    /// Advances the env by one env step and returns its forward velocity, m/s; `None` if the physics has diverged.
     pub(super) fn step(
         &mut self,
         task: &Task,
@@ -117,7 +130,7 @@ impl Worker {
         class: usize,
         row: &mut [f64],
         action: &[f32],
-    ) -> f64 {
+    ) -> Option<f64> {
         self.load(table, class, row);
         for (ctrl, action) in view_mut(self.fields.ctrl).iter_mut().zip(action) {
             *ctrl = control(task, *action);
@@ -127,11 +140,23 @@ impl Worker {
             // SAFETY: model and data are valid and of equal sizes.
             unsafe { (self.library.step)(model, data) };
         }
+        if self.has_diverged() {
+            return None;
+        }
         // SAFETY: as above. MuJoCo computes cfrc_ext on demand only.
         unsafe { (self.library.rne_post_constraint)(model, data) };
         let before = row[self.state_size];
         self.store(table, class, row);
-        velocity(task, before, self.main_body_x())
+        Some(velocity(task, before, self.main_body_x()))
+    }
+
+    /// Whether a state since the last `clear` was beyond what the physics can go on from.
+    fn has_diverged(&self) -> bool {
+        // SAFETY: the addresses are those of counters in the worker's mjData (contract of `WorkerFields::new`).
+        let warned = |&address: &usize| unsafe { (address as *const i32).read() } > 0;
+        // `mj_step` looks at the state that it begins with. It counts what it finds, then resets the data and goes
+        // on as if nothing had happened.
+        self.fields.divergences.iter().any(warned) || out_of_bounds(self.qpos()) || out_of_bounds(self.qvel())
     }
 
     /// What the last evaluation left in the data.

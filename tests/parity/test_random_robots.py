@@ -1,0 +1,211 @@
+"""The lane engine against MuJoCo on robots that nobody designed, so that no frame is ever the identity."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from dappo_batch import ClassTable, compile_class_table
+from dappo_batch._core import LaneWorlds
+
+from .states import States, advance, converged, evaluate, relative_error
+
+SHAPES = [(3, 2), (4, 2), (4, 3), (6, 3)]
+"""Limbs and joints of a limb that the engine is compiled for."""
+ROBOTS = 4
+"""Robots of each shape and integrator."""
+WORLDS = 21
+"""Neither a multiple of the lanes of a register nor fewer than two registers."""
+SIZES = {"sphere": [0.05], "capsule": [0.03, 0.06], "box": [0.05, 0.03, 0.04]}
+SOFTNESSES = [
+    {"solref": "0.02 1", "solimp": "0.9 0.95 0.001 0.5 2"},
+    {"solref": "0.05 0.7", "solimp": "0.5 0.95 0.02 0.3 2"},
+    {"solref": "-900 -30", "solimp": "0.8 0.8 0.01 0.5 1"},
+]
+LIMB = """
+[[limbs]]
+name = "limb_{limb}"
+body = "{body}"
+joints = ["joint_{limb}_0"]
+toe_geom = "geom_{limb}_{last}"
+touch = "touch_{limb}"
+touch_site = "site_{limb}"
+"""
+ROBOT = """
+name = "random"
+mjcf = "random.xml"
+main_body = "root"
+frame_skip = 1
+max_episode_steps = 100
+action_scale = 1.0
+{limbs}
+[damage]
+types = ["jammed_joint"]
+max_damaged_limbs = 0
+[damage.jammed_joint]
+joint = 0
+range_deg = 1.0
+[reset]
+qpos_noise = 0.0
+qvel_noise = 0.0
+[termination]
+height = [-5.0, 5.0]
+[observation]
+terms = [{{ term = "qpos" }}]
+[reward]
+default = "paper"
+[reward.paper]
+terms = [{{ term = "forward_velocity", weight = 1.0 }}]
+"""
+
+
+def _add(parent: Element, tag: str, **attributes: str | ArrayLike) -> Element:
+    """Add an element; numbers and arrays become text."""
+    texts = {
+        name: value if isinstance(value, str) else " ".join(f"{number:.9g}" for number in np.ravel(value))
+        for name, value in attributes.items()
+    }
+    return ElementTree.SubElement(parent, tag, texts)
+
+
+class _RandomRobot:
+    """Writes one robot, every number of which is drawn."""
+
+    def __init__(self, rng: np.random.Generator, limbs: int, joints: int, integrator: str) -> None:
+        self.rng = rng
+        self.mjcf = Element("mujoco")
+        _add(self.mjcf, "compiler", angle="radian")
+        _add(
+            self.mjcf,
+            "option",
+            timestep=rng.uniform(0.001, 0.005),
+            integrator=integrator,
+            gravity=[0, 0, -rng.uniform(5, 12)],
+        )
+        default = _add(self.mjcf, "default")
+        margin = rng.choice([0.0, 0.005])
+        _add(default, "geom", conaffinity="0", margin=margin, **SOFTNESSES[rng.integers(3)])
+        limits = SOFTNESSES[rng.integers(3)]
+        _add(default, "joint", solreflimit=limits["solref"], solimplimit=limits["solimp"])
+        world = _add(self.mjcf, "worldbody")
+        self.actuators = Element("actuator")
+        self.sensors = _add(self.mjcf, "sensor")
+        floor = [0, 0, rng.uniform(-0.2, 0.2)]
+        _add(world, "geom", type="plane", size=[5, 5, 1], conaffinity="1", pos=floor, friction=[0.3, 0, 0])
+        root = self.body(world, "root", 0.0)
+        root.set("pos", f"0 0 {floor[2] + 0.4}")
+        _add(root, "freejoint")
+        self.geom(root, "geom_root")
+        self.geom(self.body(root, "load", 0.1), "geom_load")
+        self.toml = ROBOT.format(limbs="".join(self.limb(root, limb, joints) for limb in range(limbs)))
+        # Actuators in any order, so that none has the index of its joint.
+        shuffled = rng.permutation(len(self.actuators))
+        _add(self.mjcf, "actuator").extend(self.actuators[index] for index in shuffled)
+
+    def body(self, parent: Element, name: str, reach: float) -> Element:
+        return _add(
+            parent, "body", name=name, pos=self.rng.uniform(-reach, reach, 3), quat=self.rng.normal(size=4)
+        )
+
+    def geom(self, body: Element, name: str) -> None:
+        kind = self.rng.choice(list(SIZES))
+        _add(
+            body,
+            "geom",
+            name=name,
+            type=str(kind),
+            size=SIZES[kind],
+            pos=self.rng.uniform(-0.05, 0.05, 3),
+            quat=self.rng.normal(size=4),
+            mass=self.rng.uniform(0.1, 0.5),
+            friction=[self.rng.uniform(0.1, 1.5), 0.005, 0.0001],
+        )
+
+    def limb(self, root: Element, limb: int, joints: int) -> str:
+        """Add a limb, on a mount of its own or on the root; return its section of the robot TOML."""
+        first, body = f"link_{limb}_0", root
+        if self.rng.random() < 0.4:
+            first = f"mount_{limb}"
+            body = self.body(root, first, 0.2)
+            self.geom(body, f"geom_mount_{limb}")
+        for joint in range(joints):
+            body = self.body(body, f"link_{limb}_{joint}", 0.15)
+            self.hinge(body, f"joint_{limb}_{joint}")
+            self.geom(body, f"geom_{limb}_{joint}")
+            if self.rng.random() < 0.3:
+                self.geom(self.body(body, f"load_{limb}_{joint}", 0.1), f"geom_load_{limb}_{joint}")
+        _add(body, "site", name=f"site_{limb}", type="sphere", size=0.3)
+        _add(self.sensors, "touch", name=f"touch_{limb}", site=f"site_{limb}")
+        return LIMB.format(limb=limb, body=first, last=joints - 1)
+
+    def hinge(self, body: Element, name: str) -> None:
+        """Add a hinge, mostly with limits, and mostly with a motor or a servo."""
+        rng = self.rng
+        ref = rng.uniform(-0.3, 0.3)
+        joint = _add(
+            body,
+            "joint",
+            name=name,
+            axis=rng.normal(size=3),
+            pos=rng.uniform(-0.05, 0.05, 3),
+            ref=ref,
+            armature=rng.uniform(0, 0.1),
+            damping=rng.uniform(0, 1),
+        )
+        if rng.random() < 0.7:
+            low, high = ref - rng.uniform(0.05, 0.5), ref + rng.uniform(0.05, 0.5)
+            joint.set("range", f"{low} {high}")
+            joint.set("margin", str(rng.choice([0.0, 0.01])))
+        match rng.choice(["motor", "servo", "none"], p=[0.4, 0.4, 0.2]):
+            case "motor":
+                gear = rng.choice([-1, 1]) * rng.uniform(1, 5)
+                _add(self.actuators, "motor", joint=name, gear=gear, ctrlrange=[-0.5, 0.6])
+            case "servo":
+                kv = rng.choice([0.0, 1.0])
+                gear = rng.uniform(0.5, 2)
+                _add(self.actuators, "position", joint=name, kp=20, kv=kv, gear=gear, forcerange=[-3, 2])
+
+    def compile(self, folder: Path) -> ClassTable:
+        (folder / "random.xml").write_bytes(ElementTree.tostring(self.mjcf))
+        (folder / "random.toml").write_text(self.toml)
+        return compile_class_table(folder / "random.toml")
+
+
+def _states(model: mujoco.MjModel, rng: np.random.Generator) -> States:
+    """Return states in any orientation, from deep in the floor to just above it, within and beyond limits."""
+    qpos = np.tile(model.qpos0, (WORLDS, 1))
+    qpos[:, 2] += rng.uniform(-0.6, 0.1, WORLDS)
+    qpos[:, 3:7] = rng.normal(size=(WORLDS, 4))
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    qpos[:, 7:] += rng.uniform(-0.6, 0.6, (WORLDS, model.nq - 7))
+    return States(qpos, rng.normal(size=(WORLDS, model.nv)), rng.uniform(-1, 1, (WORLDS, model.nu)))
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
+@pytest.mark.parametrize("shape", SHAPES, ids="{0[0]}x{0[1]}".format)
+def test_random_robots_move_as_in_mujoco(tmp_path: Path, shape: tuple[int, int], integrator: str) -> None:
+    rng = np.random.default_rng([*shape, *integrator.encode()])
+    for robot in range(ROBOTS):
+        table = _RandomRobot(rng, *shape, integrator).compile(tmp_path)
+        model = converged(table.models[0])
+        states = _states(model, rng)
+        expected, (qpos, qvel) = evaluate(model, states), advance(model, states, 1)
+        assert np.any(expected.cfrc_ext, axis=(1, 2)).mean() > 0.2
+        assert np.any(expected.sensordata)
+        worlds = LaneWorlds(table, np.zeros(WORLDS, dtype=np.int64))
+        qacc, cfrc_ext, touch = worlds.forward(*states)
+        after_qpos, after_qvel, _, _ = worlds.step(*states, 1)
+        errors = {
+            "qacc": relative_error(qacc, expected.qacc),
+            "cfrc_ext": relative_error(cfrc_ext, expected.cfrc_ext),
+            "touch": relative_error(touch, expected.sensordata),
+            "qpos": relative_error(after_qpos, qpos),
+            "qvel": relative_error(after_qvel, qvel),
+        }
+        assert max(errors.values()) < 1e-10, (robot, errors)
