@@ -41,12 +41,14 @@ pub enum Purpose {
     ActionNoise = 3,
     /// Initial weights of a network.
     Weights = 4,
-    /// Order of the samples in an epoch.
+    /// Order of the policy's samples in an epoch.
     Shuffle = 5,
     /// Keys of the envs of a training or evaluation run.
     EnvKeys = 6,
     /// Substituted damage codes in evaluations.
     DamageCode = 7,
+    /// Order of the value net's samples in an epoch.
+    ValueShuffle = 8,
 }
 
 /// A stream of random numbers: `key` names the run or env, `episode` the episode (or iteration).

@@ -7,8 +7,10 @@
 pub mod config;
 pub mod loss;
 mod minibatch;
+mod policy_update;
 mod state;
 mod update;
+mod value_update;
 
 use burn::optim::{AdamConfig, ModuleOptimizer};
 use burn::tensor::Device;
