@@ -3,7 +3,7 @@
 //! What damage may change is a lane number, so that worlds of different classes share a register:
 //! [`Constants`]. What all classes of a robot have in common is kept once: [`Skeleton`].
 
-use crate::engine::Unsupported;
+use crate::error::Unsupported;
 use crate::lane::Lane;
 use crate::math::{Sym3, Vec3, zero3};
 use crate::model::{Inertia, Integrator, Link, Model, Point, Softness, Vector};

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::constants::Skeleton;
+use crate::error::Unsupported;
 use crate::group::Group;
 use crate::lane::Lane;
 use crate::lane::portable;
@@ -73,11 +74,6 @@ impl Simd {
         }
     }
 }
-
-/// Why the engine cannot simulate a robot.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct Unsupported(pub String);
 
 type NewGroup = Box<dyn Fn() -> Box<dyn Group> + Send + Sync>;
 

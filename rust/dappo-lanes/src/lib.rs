@@ -31,6 +31,7 @@ mod arrow;
 mod constants;
 mod coords;
 mod engine;
+mod error;
 mod group;
 mod lane;
 mod math;
@@ -38,6 +39,7 @@ pub mod model;
 mod state;
 mod worlds;
 
-pub use engine::{Engine, Precision, Simd, Unsupported};
+pub use engine::{Engine, Precision, Simd};
+pub use error::Unsupported;
 pub use group::{Group, Readout};
 pub use model::Model;

@@ -6,9 +6,8 @@ use burn::tensor::{Device, Tensor};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
-use super::loss::{Adaptation, kl_divergence, kl_penalty, log_prob, surrogate};
+use super::loss::{Adaptation, kl_divergence, kl_penalty, log_prob, scalar, surrogate};
 use super::minibatch::{PolicyBatch, ranges, shuffled};
-use super::update::scalar;
 use crate::error::{Result, check_finite};
 use crate::nn::GaussianPolicy;
 

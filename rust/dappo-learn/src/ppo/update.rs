@@ -1,6 +1,6 @@
 //! One update of the policy and the value net from one rollout.
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::Ppo;
@@ -10,7 +10,6 @@ use super::policy_update::{PolicyOutcome, PolicyUpdate};
 use super::value_update::ValueUpdate;
 use crate::error::{LearnError, Result, check_length};
 use crate::gae::{Targets, explained_variance};
-use crate::nn::actor_critic::read;
 use crate::rollout::Rollout;
 
 impl Ppo {
@@ -97,9 +96,4 @@ impl Ppo {
         }
         Ok(())
     }
-}
-
-/// The one number of a tensor.
-pub(super) fn scalar(tensor: Tensor<1>) -> Result<f64> {
-    Ok(read(tensor)?.first().copied().map_or(f64::NAN, f64::from))
 }

@@ -5,8 +5,8 @@ use burn::tensor::{Device, Tensor};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
+use super::loss::scalar;
 use super::minibatch::{ValueBatch, shuffled};
-use super::update::scalar;
 use crate::error::{Result, check_finite};
 use crate::nn::Mlp;
 

@@ -1,6 +1,6 @@
 //! A compiled MuJoCo model as plain arrays, by their MuJoCo names.
 
-use super::refuse::{OFF, Owner};
+use super::features::{OFF, Owner};
 
 /// Reads the fields of a compiled model; a dotted name reaches into its structs, as `opt.timestep`.
 pub trait ModelReader {

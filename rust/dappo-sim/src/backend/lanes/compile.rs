@@ -5,8 +5,9 @@ use dappo_lanes::{Engine, Model, Precision as Format, Simd, Unsupported};
 
 use super::arrays::ModelArrays;
 use super::contacts::{Contacts, attach_sensors};
+use super::features::Owner;
 use super::joints::{limit_softness, links};
-use super::refuse::{Owner, check_features, refuse};
+use super::refuse::{check_features, refuse};
 use super::tree::Tree;
 use crate::backend::Precision;
 use crate::error::SimError;

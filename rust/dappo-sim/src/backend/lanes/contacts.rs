@@ -4,8 +4,9 @@ use dappo_lanes::Unsupported;
 use dappo_lanes::model::{Point, Softness, Vector};
 
 use super::arrays::ModelArrays;
+use super::features::Owner;
 use super::geometry::{Pose, add, dot, scale, sub};
-use super::refuse::{Owner, refuse};
+use super::refuse::refuse;
 use super::softness::softness;
 use super::tree::{Carrier, Tree};
 

@@ -4,7 +4,8 @@ use dappo_lanes::Unsupported;
 use dappo_lanes::model::{Actuator, Link, Softness};
 
 use super::arrays::ModelArrays;
-use super::refuse::{Owner, refuse};
+use super::features::Owner;
+use super::refuse::refuse;
 use super::softness::softness;
 use super::tree::{Hinge, Tree};
 

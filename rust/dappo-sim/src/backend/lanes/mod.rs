@@ -7,6 +7,7 @@ mod arrays;
 mod block;
 mod compile;
 mod contacts;
+mod features;
 mod geometry;
 mod joints;
 mod refuse;

@@ -4,8 +4,9 @@ use dappo_lanes::Unsupported;
 use dappo_lanes::model::Inertia;
 
 use super::arrays::ModelArrays;
+use super::features::Owner;
 use super::geometry::{Parts, Pose, norm};
-use super::refuse::{Owner, refuse};
+use super::refuse::refuse;
 
 /// `mjJNT_FREE`.
 const FREE: i32 = 0;
