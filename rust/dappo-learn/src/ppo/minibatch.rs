@@ -115,16 +115,22 @@ pub(super) fn shuffled(
     for last in (1..rows).rev() {
         order.swap(last, stream.below(last as u64 + 1) as usize);
     }
-    let take = |range: Range<usize>| {
-        let length = range.len();
-        Tensor::from_data(TensorData::new(order[range].to_vec(), [length]), device)
-    };
-    ranges(rows, size).map(take).collect()
+    ranges(rows, size).map(|range| indices(order[range].to_vec(), device)).collect()
+}
+
+/// Of the rows 0..`rows`, as many as possible but no more than `most`, with equal gaps.
+pub(super) fn evenly_spaced(rows: usize, most: usize, device: &Device) -> Tensor<1, Int> {
+    indices((0..rows as i32).step_by(rows.div_ceil(most)).collect(), device)
+}
+
+fn indices(rows: Vec<i32>, device: &Device) -> Tensor<1, Int> {
+    let length = rows.len();
+    Tensor::from_data(TensorData::new(rows, [length]), device)
 }
 
 /// Cuts 0..`rows` into pieces of nearly equal length, as close to `size` as possible: a short rest would
 /// take a step as long as a full minibatch on far noisier gradients.
-pub(super) fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
+fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
     let count = (rows as f64 / size as f64).round().max(1.0) as usize;
     (0..count).map(move |piece| piece * rows / count..(piece + 1) * rows / count)
 }
@@ -151,6 +157,20 @@ mod tests {
             let mut all = minibatches.concat();
             all.sort_unstable();
             assert_eq!(all, (0..rows as i32).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn evenly_spaced_rows_keep_equal_gaps_and_the_limit() {
+        for (rows, most, expected) in [
+            (7, 7, vec![0, 1, 2, 3, 4, 5, 6]),
+            (8, 7, vec![0, 2, 4, 6]),
+            (9, 3, vec![0, 3, 6]),
+            (1, 5, vec![0]),
+        ] {
+            let got: Vec<i32> =
+                evenly_spaced(rows, most, &Device::flex()).into_data().try_into_vec().unwrap();
+            assert_eq!(got, expected);
         }
     }
 

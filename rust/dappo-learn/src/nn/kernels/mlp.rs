@@ -13,7 +13,7 @@ use super::matmul::{Matrix, matmul};
 
 /// The backward pass sums gradients in this many partitions and then adds those in order. The number is
 /// fixed, so that the result does not depend on the number of threads.
-const PARTITIONS: usize = 16;
+const PARTITIONS: usize = 8;
 /// Blocks have between this many rows …
 const MIN_BLOCK: usize = 64;
 /// … and this many: activations of a 100-200-100 net then fit into a core's cache.
