@@ -1,7 +1,7 @@
 """``dappo-batch bench --training``: env steps per second of complete PPO training beside other libraries.
 
-Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a busy
-or throttled machine too; the absolute numbers are those of the moment.
+Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
+busy or throttled machine too; the absolute numbers are those of the moment.
 """
 
 from __future__ import annotations

@@ -93,9 +93,9 @@ def bound_of(sample: Sample, physics: str, rates: Rates) -> Bound:
 class Machine:
     """Measures `Rates`."""
 
-    def __init__(self, task: Task, lane_envs: int = _LANE_ENVS) -> None:
+    def __init__(self, task: Task) -> None:
         kinds: Sequence[type[Contender]] = (RawStep, LanesF32)
-        workload = Workload.of("ant", lane_envs, task.threads, task.seed)
+        workload = Workload.of("ant", _LANE_ENVS, task.threads, task.seed)
         self._physics = [kind(workload) for kind in kinds]
         for contender in self._physics:
             contender.warm_up()

@@ -12,7 +12,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.bench.peers import envpool_mujoco
 from dappo_batch.bench.training.task import Task, pass_flops
+from dappo_batch.bench.training.torch_threads import use_fastest
 
 __all__ = ["EnvPoolPpo", "Rollout", "advantages"]
 
@@ -90,7 +92,6 @@ class EnvPoolPpo:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._torch: Torch = importlib.import_module("torch")
-        self._torch.set_num_threads(task.threads)
         self._torch.manual_seed(task.seed)
         envpool: Any = importlib.import_module("envpool")
         self._envs = envpool.make(
@@ -105,7 +106,9 @@ class EnvPoolPpo:
         self._adam = self._torch.optim.Adam(self._parameters, lr=task.learning_rate, eps=_ADAM_EPSILON)
         self._obs = self._envs.reset()[0].astype(np.float32)
         self._ended = np.zeros(task.num_envs, np.bool_)
-        self.note = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in ("envpool", "torch"))
+        versions = [f"{name} {importlib.metadata.version(name)}" for name in ("envpool", "torch")]
+        threads = use_fastest(task.threads, lambda: self.answer(1))
+        self.note = f"{versions[0]} with MuJoCo {envpool_mujoco(envpool)}, {versions[1]}; {threads}"
 
     def _sizes(self, outputs: int) -> list[int]:
         return [self._obs_dim, *self._task.hidden, outputs]

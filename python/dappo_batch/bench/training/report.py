@@ -142,8 +142,8 @@ class TrainingReport:
             f"PPO on the healthy Ant: batch of {settings['num_envs']} envs x {settings['horizon']} steps, "
             f"{settings['epochs']} epochs in minibatches of {settings['minibatch']}, "
             f"two nets of {'-'.join(map(str, settings['hidden']))} tanh units\n"
-            f"{settings['threads']} threads, {settings['rounds']} rounds of {settings['iterations']} iterations "
-            "each, medians (lowest to highest); seconds are those of one iteration"
+            f"{settings['threads']} threads, {settings['rounds']} rounds of {settings['iterations']} "
+            "iterations, medians (lowest to highest); seconds are those of one iteration"
         )
 
     def _table(self) -> str:
@@ -155,7 +155,7 @@ class TrainingReport:
             rows.append(
                 [
                     one.key,
-                    one.rate.text(".0f"),
+                    one.rate.text(",.0f"),
                     one.rollout_seconds.text(".2f"),
                     one.update_seconds.text(".2f"),
                     *(one.ratios[peer].text(".2f") for peer in peers),

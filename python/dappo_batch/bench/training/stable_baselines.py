@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dappo_batch.bench.training.task import Task, pass_flops
+from dappo_batch.bench.training.torch_threads import use_fastest
 
 __all__ = ["StableBaselinesPpo"]
 
@@ -27,7 +28,6 @@ class StableBaselinesPpo:
     def __init__(self, task: Task) -> None:
         sb3 = importlib.import_module("stable_baselines3")
         torch = importlib.import_module("torch")
-        torch.set_num_threads(task.threads)
         self._task = task
         self._envs, chosen = _fastest_envs(task)
         self._ppo: Any = sb3.PPO(
@@ -54,7 +54,8 @@ class StableBaselinesPpo:
         nets = ([inputs, *task.hidden, outputs], [inputs, *task.hidden, 1])
         self._row_flops = sum(pass_flops(sizes) for sizes in nets)
         versions = [f"{name} {importlib.metadata.version(name)}" for name in _PACKAGES]
-        self.note = f"{', '.join(versions)}; {chosen}"
+        threads = use_fastest(task.threads, lambda: self.answer(1))
+        self.note = f"{', '.join(versions)}; {chosen}; {threads}"
 
     def _timed(self, name: str) -> Callable[..., Any]:
         method = getattr(self._ppo, name)

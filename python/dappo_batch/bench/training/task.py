@@ -61,15 +61,15 @@ class Task:
 def pass_flops(sizes: Sequence[int]) -> int:
     """Return the floating-point operations of one row's pass through an MLP, forwards and backwards.
 
-    A layer of m inputs and n outputs is in three products of matrices, each of m n multiplications and as many
-    additions a row::
+    A layer of m inputs and n outputs is in three products of matrices, each of m n multiplications and as
+    many additions a row::
 
         forwards                        y = W x       2 m n
         gradient of the weights         dW = dy xᵀ    2 m n
         gradient of the inputs          dx = Wᵀ dy    2 m n, and 0 in the first layer: nobody needs it
 
-    Over all layers that is 6 Σ m n less 2 m n of the first. Biases, tanh, the loss and Adam are left out: their work
-    grows with m or n alone, or is done once a minibatch and not for each row.
+    Over all layers that is 6 Σ m n less 2 m n of the first. Biases, tanh, the loss and Adam are left out:
+    their work grows with m or n alone, or is done once a minibatch and not for each row.
 
     An update that passes r rows through the policy and v rows through the value net, epochs included, takes
     r · policy + v · value operations.

@@ -99,6 +99,11 @@ class Trainer(ABC):
         """Free processes and memory."""
 
 
+# A run ends with an evaluation, which nobody measures; with fewer damage classes it is shorter. The training
+# has the healthy class only and does not change.
+_SHORT_END = ("evaluation.episodes=1", "damage.max_damaged_limbs=1")
+
+
 class Ours(Trainer):
     """``dappo-batch train``, a process for each sample; its first iteration is not counted."""
 
@@ -106,7 +111,7 @@ class Ours(Trainer):
         super().__init__(task)
         self._threads = task.threads
         self._arguments = ["--robot", "ant", "--healthy", "--reward", "gym", "--threads", str(task.threads)]
-        self._arguments += [*self.options(task), "--set", *self.settings(task), "evaluation.episodes=1"]
+        self._arguments += [*self.options(task), "--set", *self.settings(task), *_SHORT_END]
         try:
             config = tomllib.loads(learner.command_line(["config", *self._arguments], task.threads))
         except TrainingFailed as error:
@@ -120,8 +125,8 @@ class Ours(Trainer):
     def settings(self, task: Task) -> list[str]:
         """Values of ``--set``.
 
-        The value net is trained on the current and the previous batch, so half the epochs give it as many rows
-        as the policy. No epoch is skipped for a large KL divergence.
+        The value net is trained on the current and the previous batch, so half the epochs give it as many
+        rows as the policy. No epoch is skipped for a large KL divergence.
         """
         return [
             "ppo.preset=paper",

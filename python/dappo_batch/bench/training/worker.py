@@ -1,7 +1,7 @@
 """A contender in a process of its own: it works when asked, and waits at a pipe while others are measured.
 
-It makes a `Program` and then answers each line of its standard input, a number, with a line of JSON. It ends with
-its input.
+It makes a `Program` and then answers each line of its standard input, a number, with a line of JSON. It ends
+with its input.
 """
 
 from __future__ import annotations
