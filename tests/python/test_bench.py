@@ -202,7 +202,7 @@ def test_actions_stay_in_range_and_do_not_repeat_soon() -> None:
 
 
 def test_a_training_that_fails_says_what_it_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learner, "_TRAIN", "import sys; sys.exit('no such robot')")
+    monkeypatch.setattr(learner, "_PROGRAM", "import sys; sys.exit('no such robot')")
     share = learner.learner_share("ant", 1)
     assert "exit code 1" in share.error
     assert "no such robot" in share.error
@@ -210,7 +210,7 @@ def test_a_training_that_fails_says_what_it_said(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_run_without_metrics_is_an_error_not_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learner, "_TRAIN", "pass")
+    monkeypatch.setattr(learner, "_PROGRAM", "pass")
     assert "config.toml" in learner.learner_share("ant", 1).error
 
 

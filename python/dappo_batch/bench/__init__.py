@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import platform
 import sys
 from collections.abc import Callable, Sequence
-
-import mujoco
-import numpy as np
+from typing import Any
 
 from dappo_batch._core import ConfigError, SimulationError
+from dappo_batch.bench import training
 from dappo_batch.bench.contenders import (
     Contender,
     LanesF32,
@@ -29,7 +27,7 @@ from dappo_batch.bench.contenders import (
     Unavailable,
 )
 from dappo_batch.bench.learner import learner_share
-from dappo_batch.bench.machine import cores, cpu_name, load_average
+from dappo_batch.bench.machine import cores, describe
 from dappo_batch.bench.measure import measure_rounds, peak_memory_mb
 from dappo_batch.bench.peers import EnvPoolAnt, GymnasiumAnt
 from dappo_batch.bench.report import Missing, Report, results
@@ -97,14 +95,7 @@ def run(
             raise ConfigError(f"{name} must be at least 1, got {value}")
     if not 0.0 < seconds < float("inf"):
         raise ConfigError(f"seconds must be above 0, got {seconds}")
-    machine = {
-        "cpu": cpu_name(),
-        "cores": cores(),
-        "load_average": load_average(),
-        "mujoco": mujoco.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+    machine = describe()
     workload = Workload.of(robot, num_envs, threads)
     contenders, missing = _enter(workload, progress)
     try:
@@ -159,19 +150,24 @@ def main(argv: Sequence[str]) -> int:
     argv : sequence of str
         The arguments behind ``bench``.
     """
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.training and (arguments.robot != "ant" or arguments.no_learner):
+        parser.error("--training is about the Ant and its learner: it takes neither --robot nor --no-learner")
+    if not arguments.training and (arguments.horizon, arguments.iterations) != (None, None):
+        parser.error("--horizon and --iterations belong to --training")
     if arguments.list:
-        _print_list(arguments.robot, arguments.json)
+        _print_list(arguments)
         return 0
-    report = run(
-        arguments.robot,
-        num_envs=arguments.envs,
-        threads=arguments.threads,
-        seconds=arguments.seconds,
-        rounds=arguments.rounds,
-        learner=not arguments.no_learner,
-        progress=_say,
-    )
+    # What was not given is left to the default of the function.
+    given = {"num_envs": arguments.envs, "horizon": arguments.horizon, "iterations": arguments.iterations}
+    common: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    common |= {"threads": arguments.threads, "seconds": arguments.seconds, "rounds": arguments.rounds}
+    report: Report | training.TrainingReport
+    if arguments.training:
+        report = training.run(**common, progress=_say)
+    else:
+        report = run(arguments.robot, **common, learner=not arguments.no_learner, progress=_say)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.text())
     return 0
 
@@ -182,43 +178,54 @@ def _say(what: str) -> None:
         print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
 
 
-def _print_list(robot: str, as_json: bool) -> None:
-    contenders, missing = _enter(Workload.of(robot, num_envs=1, threads=1), lambda _: None)
-    for contender in contenders:
-        contender.close()
-    absent = {one.key: one for one in missing}
+def _print_list(arguments: argparse.Namespace) -> None:
+    kinds: Sequence[type[Contender | training.Trainer]]
+    if arguments.training:
+        kinds, missing = training.TRAINERS, training.absent()
+    else:
+        kinds = CONTENDERS
+        contenders, missing = _enter(Workload.of(arguments.robot, num_envs=1, threads=1), lambda _: None)
+        for contender in contenders:
+            contender.close()
+    reasons = {one.key: one for one in missing}
     rows = [
         {
             "key": kind.key,
             "about": kind.about,
-            "available": kind.key not in absent,
-            "reason": absent[kind.key].reason if kind.key in absent else "",
-            "install": absent[kind.key].install if kind.key in absent else "",
+            "available": kind.key not in reasons,
+            "reason": reasons[kind.key].reason if kind.key in reasons else "",
+            "install": reasons[kind.key].install if kind.key in reasons else "",
         }
-        for kind in CONTENDERS
+        for kind in kinds
     ]
-    if as_json:
+    if arguments.json:
         print(json.dumps(rows, indent=2))
         return
     for row in rows:
         cure = f"; to install it: {row['install']}" if row["install"] else ""
         remark = "" if row["available"] else f" [{row['reason']}{cure}]"
-        print(f"{row['key']:20} {row['about']}{remark}")
+        print(f"{row['key']:25} {row['about']}{remark}")
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="dappo-batch bench",
         description="Env steps per second and processor time of this package beside other simulators, "
-        "interleaved in one process.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        "interleaved in one process; with --training, those of complete training beside other libraries.",
     )
-    parser.add_argument("--robot", default="ant", metavar="NAME|FILE", help="robot to simulate")
-    parser.add_argument("--envs", type=int, default=4096, metavar="N", help="environments")
-    parser.add_argument("--threads", type=int, default=cores(), metavar="N", help="threads of each contender")
-    parser.add_argument("--seconds", type=float, default=2.0, metavar="S", help="least length of a sample")
-    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="samples a contender, interleaved")
-    parser.add_argument("--no-learner", action="store_true", help="leave out the training run")
-    parser.add_argument("--list", action="store_true", help="list the contenders and what they need")
-    parser.add_argument("--json", action="store_true", help="print JSON")
+    sample = "least length of a sample, with --training of a sample of the machine [default: 2]"
+    rounds = "samples a contender, interleaved [default: 5]"
+    add = parser.add_argument
+    add("--training", action="store_true", help="measure rollout and update of PPO on the healthy Ant")
+    add("--robot", default="ant", metavar="NAME|FILE", help="robot to simulate [default: ant]")
+    add("--envs", type=int, metavar="N", help="environments [default: 4096, with --training 16]")
+    add("--horizon", type=int, metavar="T", help="with --training: env steps of an iteration [default: 512]")
+    iterations = "with --training: iterations of a sample [default: 3]"
+    add("--iterations", type=int, metavar="N", help=iterations)
+    add("--threads", type=int, metavar="N", help="threads of each contender [default: all cores]")
+    add("--seconds", type=float, default=2.0, metavar="S", help=sample)
+    add("--rounds", type=int, default=5, metavar="N", help=rounds)
+    add("--no-learner", action="store_true", help="leave out the training run")
+    add("--list", action="store_true", help="list the contenders and what they need")
+    add("--json", action="store_true", help="print JSON")
     return parser

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -13,9 +14,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-__all__ = ["LearnerShare", "learner_share"]
+from dappo_batch.bench.machine import thread_limits
 
-_TRAIN = "from dappo_batch.cli import main; main()"
+__all__ = ["LearnerShare", "TrainingFailed", "TrainingRun", "command_line", "learner_share", "train"]
+
+_PROGRAM = "from dappo_batch.cli import main; main()"
+_UNREADABLE = "the run folder does not say it"
 _STEPS = 200_000  # a few iterations of the configurations that come with the robots
 
 
@@ -56,7 +60,7 @@ class LearnerShare:
 def learner_share(
     robot: str, threads: int, *, steps: int = _STEPS, settings: Sequence[str] = (), timeout: float = 600.0
 ) -> LearnerShare:
-    """Train for a few iterations in a process of its own and read its metrics.
+    """Train for a few iterations and read the metrics.
 
     Failure is an answer too: `LearnerShare.error` then says what went wrong.
 
@@ -73,32 +77,15 @@ def learner_share(
     timeout : float
         Longest time to wait, s.
     """
-    with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
-        run = Path(folder) / "run"
-        command = [sys.executable, "-c", _TRAIN, "train", "--robot", robot, "--run", str(run), "--json"]
-        command += ["--threads", str(threads), "--steps", str(steps)]
-        for setting in ("evaluation.episodes=1", *settings):
-            command += ["--set", setting]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout)
-        except subprocess.TimeoutExpired:
-            return LearnerShare(error=f"training took longer than {timeout:.0f} s")
-        if done.returncode != 0:
-            said = (done.stderr.strip() or done.stdout.strip() or "it said nothing")[-500:]
-            return LearnerShare(error=f"`dappo-batch train` ended with exit code {done.returncode}: {said}")
-        return _read(run)
-
-
-def _read(run: Path) -> LearnerShare:
+    arguments = ["--robot", robot, "--threads", str(threads), "--steps", str(steps)]
     try:
-        config = tomllib.loads((run / "config.toml").read_text(encoding="utf-8"))
-        num_envs, horizon = int(config["env"]["num_envs"]), int(config["horizon"])
-        rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
-        times = [(float(row["rollout_seconds"]), float(row["update_seconds"])) for row in rows]
-    except (OSError, ValueError, KeyError) as error:
-        return LearnerShare(error=f"the run folder does not say it: {type(error).__name__}: {error}")
-    if not times:
-        return LearnerShare(error="the run has no metrics: training ended before its first iteration")
+        run = train([*arguments, "--set", *settings, "evaluation.episodes=1"], threads, timeout)
+        times = [(float(row["rollout_seconds"]), float(row["update_seconds"])) for row in run.metrics]
+        num_envs, horizon = int(run.config["env"]["num_envs"]), int(run.config["horizon"])
+    except TrainingFailed as error:
+        return LearnerShare(error=str(error))
+    except (ValueError, KeyError) as error:
+        return LearnerShare(error=f"{_UNREADABLE}: {type(error).__name__}: {error}")
     times = times[1:] or times
     return LearnerShare(
         rollout_seconds=median(rollout for rollout, _ in times),
@@ -107,3 +94,96 @@ def _read(run: Path) -> LearnerShare:
         num_envs=num_envs,
         horizon=horizon,
     )
+
+
+class TrainingFailed(Exception):
+    """``dappo-batch train`` gave no numbers; the text says why."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """What a run folder says.
+
+    Attributes
+    ----------
+    config : dict
+        The complete configuration, ``config.toml``.
+    metrics : tuple of dict
+        One for each iteration, the lines of ``metrics.jsonl``.
+    learner : dict
+        ``learner.toml`` of the newest checkpoint: shapes, and the state of the learner.
+    """
+
+    config: dict[str, Any]
+    metrics: tuple[dict[str, Any], ...]
+    learner: dict[str, Any]
+
+    @classmethod
+    def read(cls, folder: Path) -> TrainingRun:
+        """Read the run in `folder`.
+
+        Raises
+        ------
+        TrainingFailed
+            If a file is missing or not what it should be, or if there was no iteration.
+        """
+        try:
+            config = tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))
+            lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+            metrics = tuple(json.loads(line) for line in lines)
+            newest = max((folder / "checkpoints").iterdir())
+            learner = tomllib.loads((newest / "learner.toml").read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise TrainingFailed(f"{_UNREADABLE}: {type(error).__name__}: {error}") from error
+        if not metrics:
+            raise TrainingFailed("the run has no metrics: training ended before its first iteration")
+        return cls(config, metrics, learner)
+
+
+def train(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> TrainingRun:
+    """Run ``dappo-batch train`` in a process of its own, in a temporary folder, and read what it wrote.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Those behind ``train``, without ``--run`` and ``--json``; the last may be values of ``--set``.
+    threads : int
+        Threads of the learner; those that simulate are an argument of ``train``.
+    timeout : float
+        Longest time to wait, s.
+
+    Raises
+    ------
+    TrainingFailed
+        If it fails, takes too long, or leaves nothing to read.
+    """
+    with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
+        run = Path(folder) / "run"
+        command_line(["train", "--run", str(run), "--json", *arguments], threads, timeout)
+        return TrainingRun.read(run)
+
+
+def command_line(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> str:
+    """Run ``dappo-batch`` in a process of its own and return what it printed.
+
+    Raises
+    ------
+    TrainingFailed
+        If it fails or takes too long.
+    """
+    name = f"`dappo-batch {arguments[0]}`"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, *arguments],
+            env={**os.environ, **thread_limits(threads)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=timeout,
+        )
+    except subprocess.TimeoutExpired:
+        raise TrainingFailed(f"{name} took longer than {timeout:.0f} s") from None
+    if done.returncode != 0:
+        said = (done.stderr.strip() or done.stdout.strip() or "it said nothing")[-500:]
+        raise TrainingFailed(f"{name} ended with exit code {done.returncode}: {said}")
+    return done.stdout

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-__all__ = ["cores", "cpu_flags", "cpu_name", "load_average"]
+import mujoco
+import numpy as np
+
+__all__ = ["cores", "cpu_flags", "cpu_name", "describe", "limited_to", "load_average", "thread_limits"]
 
 _CPUINFO = Path("/proc/cpuinfo")
 _FLAGS = ("avx2", "fma", "avx512f", "asimd", "sve")
@@ -49,3 +55,38 @@ def load_average() -> float | None:
         return os.getloadavg()[0]
     except (AttributeError, OSError):
         return None
+
+
+def describe() -> dict[str, Any]:
+    """Return what a report says about the machine and its software."""
+    return {
+        "cpu": cpu_name(),
+        "cores": cores(),
+        "load_average": load_average(),
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def thread_limits(threads: int) -> dict[str, str]:
+    """Return the environment variables that size the thread pools of a new process."""
+    pools = ("RAYON_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return dict.fromkeys(pools, str(threads))
+
+
+@contextmanager
+def limited_to(threads: int) -> Iterator[None]:
+    """Let this process and those that it starts run on `threads` cores, where the system can do that.
+
+    Variables and arguments do not reach everything: a contender may start processes of its own.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, set(sorted(allowed)[:threads]))
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)

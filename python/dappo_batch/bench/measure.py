@@ -60,6 +60,15 @@ class Spread:
         """Summarise at least one value."""
         return cls(median(values), min(values), max(values))
 
+    def scaled(self, factor: float) -> Spread:
+        """Return the same in another unit."""
+        return Spread(factor * self.median, factor * self.low, factor * self.high)
+
+    def text(self, format_spec: str) -> str:
+        """Return the median, and the range in brackets."""
+        median, low, high = (format(value, format_spec) for value in (self.median, self.low, self.high))
+        return f"{median} ({low} to {high})"
+
 
 def _cpu_seconds() -> float:
     """Return the processor time of this process, all threads and finished children included."""

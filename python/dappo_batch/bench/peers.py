@@ -15,7 +15,7 @@ import numpy as np
 from dappo_batch.bench.contenders import Contender, Unavailable
 from dappo_batch.bench.workload import Workload
 
-__all__ = ["EnvPoolAnt", "GymnasiumAnt"]
+__all__ = ["EnvPoolAnt", "GymnasiumAnt", "envpool_mujoco"]
 
 _ENV_ID = "Ant-v5"
 
@@ -85,7 +85,7 @@ class EnvPoolAnt(Contender):
             # A foreign binary: whatever it raises is a reason to go on without it, and to say so.
             raise Unavailable(f"envpool cannot make {_ENV_ID}: {type(error).__name__}: {error}") from error
         version = importlib.metadata.version("envpool")
-        self.note = f"envpool {version} with MuJoCo {_envpool_mujoco(envpool)}, {self.num_envs} envs"
+        self.note = f"envpool {version} with MuJoCo {envpool_mujoco(envpool)}, {self.num_envs} envs"
         self._actions = workload.actions(self.num_envs, np.float64)
         self._envs.reset()
 
@@ -104,7 +104,7 @@ class EnvPoolAnt(Contender):
         self._envs.close()
 
 
-def _envpool_mujoco(envpool: Any) -> str:  # noqa: ANN401 - a module
+def envpool_mujoco(envpool: Any) -> str:  # noqa: ANN401 - a module
     """Return the version of the MuJoCo inside EnvPool."""
     for library in Path(envpool.__file__).parent.glob("mujoco/mujoco_gym_envpool*.so"):
         try:

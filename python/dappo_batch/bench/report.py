@@ -9,7 +9,7 @@ from typing import Any
 from dappo_batch.bench.learner import LearnerShare
 from dappo_batch.bench.measure import Sample, Spread, ratios
 
-__all__ = ["BASE", "Missing", "Report", "Result", "results"]
+__all__ = ["BASE", "Missing", "Report", "Result", "results", "table"]
 
 BASE = "mj_step"
 """Key of the contender that all others are compared with."""
@@ -25,6 +25,22 @@ class Missing:
     key: str
     reason: str
     install: str
+
+    def text(self) -> str:
+        """Say what is missing, why, and what would change it."""
+        cure = f"; to install it: {self.install}" if self.install else ""
+        return f"not measured: {self.key}: {self.reason}{cure}"
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Align cells in columns: the first to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for first, *others in rows:
+        cells = [first.ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -135,18 +151,12 @@ class Report:
                 result.key,
                 f"{result.rate.median:,.0f}",
                 f"{result.cpu_us.median:.1f}",
-                _spread(result.rate_ratio),
-                _spread(result.cpu_ratio),
+                result.rate_ratio.text(".2f"),
+                result.cpu_ratio.text(".2f"),
             )
             for result in self.results
         ]
-        widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-        lines = []
-        for row in (head, *rows):
-            cells = [row[0].ljust(widths[0])]
-            cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-            lines.append("  ".join(cells).rstrip())
-        return "\n".join(lines)
+        return table([head, *rows])
 
     def _legend(self) -> str:
         width = max(len(result.key) for result in self.results)
@@ -156,11 +166,7 @@ class Report:
         )
 
     def _missing(self) -> str:
-        lines = []
-        for one in self.missing:
-            cure = f"; to install it: {one.install}" if one.install else ""
-            lines.append(f"not measured: {one.key}: {one.reason}{cure}")
-        return "\n".join(lines)
+        return "\n".join(one.text() for one in self.missing)
 
     def _memory(self) -> str:
         if self.memory_mb is None:
@@ -169,10 +175,6 @@ class Report:
             f"memory: {self.memory_mb:.0f} MB at most for a whole process with "
             f"{self.settings['num_envs']} envs (the Ant's target with 4096: {MEMORY_TARGET_MB:.0f} MB)"
         )
-
-
-def _spread(spread: Spread) -> str:
-    return f"{spread.median:.2f} ({spread.low:.2f} to {spread.high:.2f})"
 
 
 def _learner(learner: LearnerShare) -> str:

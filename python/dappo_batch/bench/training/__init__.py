@@ -1,0 +1,162 @@
+"""``dappo-batch bench --training``: env steps per second of complete PPO training beside other libraries.
+
+Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
+busy or throttled machine too; the absolute numbers are those of the moment.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from dappo_batch._core import ConfigError
+from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.machine import cores, describe, limited_to
+from dappo_batch.bench.measure import Spread
+from dappo_batch.bench.report import Missing
+from dappo_batch.bench.training.bound import Machine, Rates
+from dappo_batch.bench.training.report import Round, TrainingReport, results
+from dappo_batch.bench.training.task import Task
+from dappo_batch.bench.training.trainers import (
+    AsConfigured,
+    EnvPoolTorch,
+    Lanes,
+    Mujoco,
+    Sample,
+    StableBaselines,
+    Trainer,
+)
+
+__all__ = ["TRAINERS", "Trainer", "TrainingReport", "absent", "run"]
+
+TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
+"""Everything that may be measured; a new contender is a class like those here."""
+
+_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
+
+
+def run(
+    *,
+    num_envs: int = 16,
+    horizon: int = 512,
+    threads: int | None = None,
+    iterations: int = 3,
+    rounds: int = 5,
+    seconds: float = 2.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> TrainingReport:
+    """Measure the training of this package beside that of every other library that is installed.
+
+    Parameters
+    ----------
+    num_envs, horizon : int
+        Environments N, and env steps T of each in one iteration.
+    threads : int, optional
+        Threads of each contender; all cores if left out.
+    iterations : int
+        Iterations of a sample.
+    rounds : int
+        Samples a contender.
+    seconds : float
+        Least length of a sample of the machine's rates, s.
+    progress : callable, optional
+        Told what happens, for example ``print``.
+
+    Returns
+    -------
+    TrainingReport
+        The numbers, and what could not be measured and why.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is out of range.
+    SimulationError
+        If a contender fails after it has begun.
+    """
+    task = Task(cores() if threads is None else threads, num_envs, horizon)
+    counts = {"envs": num_envs, "horizon": horizon, "threads": task.threads}
+    for name, value in {**counts, "iterations": iterations, "rounds": rounds}.items():
+        if value < 1:
+            raise ConfigError(f"{name} must be at least 1, got {value}")
+    if not 0.0 < seconds < float("inf"):
+        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    described = describe()
+    with limited_to(task.threads):
+        trainers, missing = _enter(task, progress)
+        try:
+            machine = Machine(task)
+            try:
+                measured = _measure(machine, trainers, iterations, rounds, seconds, progress)
+            finally:
+                machine.close()
+        finally:
+            for trainer in trainers:
+                trainer.close()
+    return TrainingReport(
+        machine=described,
+        settings=_settings(task) | {"iterations": iterations, "rounds": rounds, "seconds": seconds},
+        results=results(measured, trainers),
+        missing=tuple(missing),
+        sgemm=Spread.of([one.rates.sgemm for one in measured]),
+        sgemm_note=machine.note,
+        physics={
+            key: Spread.of([one.rates.physics[key] for one in measured]) for key in measured[0].rates.physics
+        },
+    )
+
+
+def _settings(task: Task) -> dict[str, Any]:
+    settings = asdict(task) | {"minibatch": task.minibatch}
+    del settings["minibatch_rows"]
+    return settings
+
+
+def _enter(task: Task, progress: Callable[[str], None]) -> tuple[list[Trainer], list[Missing]]:
+    """Make and warm up every trainer that can run here, and say why the others cannot."""
+    trainers: list[Trainer] = []
+    missing: list[Missing] = []
+    for kind in TRAINERS:
+        progress(f"making {kind.key}")
+        try:
+            trainers.append(kind(task))
+        except Unavailable as reason:
+            missing.append(Missing(kind.key, str(reason), reason.install))
+    return trainers, missing
+
+
+def _measure(
+    machine: Machine,
+    trainers: Sequence[Trainer],
+    iterations: int,
+    rounds: int,
+    seconds: float,
+    progress: Callable[[str], None],
+) -> list[Round]:
+    """Measure everything `rounds` times; the order of the trainers rotates."""
+    found = []
+    for number in range(rounds):
+        progress(f"round {number + 1} of {rounds}: the machine")
+        time.sleep(_PAUSE)
+        rates: Rates = machine.measure(seconds)
+        samples: dict[str, Sample] = {}
+        shift = number % max(1, len(trainers))
+        for trainer in (*trainers[shift:], *trainers[:shift]):
+            progress(f"round {number + 1} of {rounds}: {trainer.key}")
+            time.sleep(_PAUSE)
+            samples[trainer.key] = trainer.train(iterations)
+        found.append(Round(rates, samples))
+    return found
+
+
+def absent() -> list[Missing]:
+    """Return the contenders whose packages are not installed."""
+    missing = []
+    for kind in TRAINERS:
+        try:
+            kind.require()
+        except Unavailable as reason:
+            missing.append(Missing(kind.key, str(reason), reason.install))
+    return missing
