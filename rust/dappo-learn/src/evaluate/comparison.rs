@@ -39,8 +39,8 @@ pub struct Side {
     pub encoding: Encoding,
     /// Mean forward reward over all classes and seeds.
     pub forward_reward: f64,
-    /// Its runs.
-    pub runs: Vec<RunSummary>,
+    /// One run a seed.
+    pub seeds: Vec<RunSummary>,
 }
 
 /// What a comparison says in a few numbers.
@@ -153,7 +153,7 @@ impl Comparison {
         let mut text =
             "class,name,group,forward_reward,other_forward_reward,difference,better,seeds,other_seeds\n"
                 .to_owned();
-        let (seeds, other_seeds) = (self.summary.runs.runs.len(), self.summary.others.runs.len());
+        let (seeds, other_seeds) = (self.summary.runs.seeds.len(), self.summary.others.seeds.len());
         for c in &self.classes {
             // Writing to a String cannot fail.
             let _ = writeln!(
@@ -178,7 +178,7 @@ fn rewards(runs: &[RunEvaluation]) -> Vec<Vec<f64>> {
 }
 
 fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
-    let runs: Vec<RunSummary> = runs
+    let seeds: Vec<RunSummary> = runs
         .iter()
         .map(|run| RunSummary {
             run: run.run.clone(),
@@ -186,7 +186,7 @@ fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
             forward_reward: run.evaluation.mean_forward_reward(),
         })
         .collect();
-    Side { encoding, forward_reward: mean(runs.iter().map(|run| run.forward_reward)), runs }
+    Side { encoding, forward_reward: mean(seeds.iter().map(|run| run.forward_reward)), seeds }
 }
 
 fn compare_classes(runs: &[RunEvaluation], others: &[RunEvaluation]) -> Vec<ClassComparison> {
@@ -254,7 +254,7 @@ mod tests {
     fn the_summary_holds_what_can_be_computed_by_hand() {
         let summary = comparison().summary;
         // (10 + 6 + 5 + 9) / 4, (12 + 2 + 7 + 9) / 4 and their mean; (8 + 4 + 5 + 3) / 4.
-        assert_eq!(summary.runs.runs.iter().map(|run| run.forward_reward).collect::<Vec<_>>(), [7.5, 7.5]);
+        assert_eq!(summary.runs.seeds.iter().map(|run| run.forward_reward).collect::<Vec<_>>(), [7.5, 7.5]);
         assert_eq!((summary.runs.forward_reward, summary.others.forward_reward), (7.5, 5.0));
         assert_eq!((summary.runs.encoding, summary.others.encoding), (Encoding::Wrong, Encoding::True));
         assert_eq!((summary.classes_won, summary.share_won), (3, 0.75));

@@ -31,10 +31,14 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
     let several = runs.len() + others.len() > 1;
     let evaluate = |runs: &[LoadedRun], encoding| {
         evaluate_all(py, runs, encoding, &interrupted, |run, evaluation| {
-            if several && !arguments.json {
-                console::print_line(&run.heading());
+            if arguments.json {
+                return;
             }
-            if !arguments.json {
+            if several {
+                // The tables of many runs would hide their comparison; each run folder holds its own.
+                console::print_line(&run.heading());
+                show::groups(evaluation);
+            } else {
                 show(evaluation);
             }
         })

@@ -6,6 +6,11 @@ use crate::cli::console;
 
 /// Prints the table of the classes, that of the groups and the mean over all classes.
 pub fn show(evaluation: &Evaluation) {
+    classes(evaluation);
+    groups(evaluation);
+}
+
+fn classes(evaluation: &Evaluation) {
     let width = evaluation.classes.iter().map(|class| class.name.len()).max().unwrap_or(0).max("name".len());
     console::print_line(&format!(
         "class  {:<width$}  {:<8} {:>14} {:>8} {:>8} {:>7}",
@@ -18,6 +23,10 @@ pub fn show(evaluation: &Evaluation) {
             c.class, c.name, c.group, c.forward_reward, c.episode_length
         ));
     }
+}
+
+/// Prints the table of the groups and the mean over all classes.
+pub fn groups(evaluation: &Evaluation) {
     console::print_line(&format!(
         "group     classes {:>14} {:>8} {:>10}",
         "forward reward", "± s.e.", "falls"
@@ -69,7 +78,7 @@ pub fn comparison(summary: &Summary) {
         console::print_line(&format!(
             "  mean forward reward of {name}: {:.1} ({}){}",
             side.forward_reward,
-            seed_list(side.runs.iter().map(|run| run.seed)),
+            seed_list(side.seeds.iter().map(|run| run.seed)),
             told(side.encoding)
         ));
     }
@@ -89,6 +98,13 @@ pub fn comparison(summary: &Summary) {
             ));
         }
     }
+    if [Some(&summary.gain), summary.adjacent_pairs.as_ref(), summary.opposite_pairs.as_ref()]
+        .into_iter()
+        .flatten()
+        .any(|gain| gain.relative.is_none())
+    {
+        console::print_line("  no gain in per cent where the mean of OTHER may not be above 0");
+    }
     console::print_line(&format!(
         "  intervals: {:.0} % of {} bootstrap resamples over {}",
         100.0 * summary.confidence,
@@ -98,7 +114,7 @@ pub fn comparison(summary: &Summary) {
 }
 
 fn names(side: &Side) -> String {
-    side.runs.iter().map(|run| run.run.as_str()).collect::<Vec<_>>().join(", ")
+    side.seeds.iter().map(|run| run.run.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// `1 seed: 0` or `3 seeds: 0, 1, 2`.
@@ -115,10 +131,8 @@ fn told(encoding: Encoding) -> String {
 
 fn gain(gain: &Gain) -> String {
     let absolute = with_interval(gain.absolute, 1.0, "");
-    match gain.relative {
-        Some(relative) => format!("{absolute}; relative {}", with_interval(relative, 100.0, " %")),
-        None => format!("{absolute}; no relative gain, as the mean of OTHER may not be above 0"),
-    }
+    let relative = gain.relative.map(|relative| format!(", {}", with_interval(relative, 100.0, " %")));
+    format!("{absolute}{}", relative.unwrap_or_default())
 }
 
 fn with_interval(estimate: Estimate, factor: f64, unit: &str) -> String {
