@@ -77,13 +77,12 @@ impl Encoding {
 pub(super) struct Encoder {
     obs_dim: usize,
     code_length: usize,
-    source: Source,
+    /// `None` leaves the codes of the envs as they are.
+    source: Option<Source>,
 }
 
-/// Where the codes come from.
+/// Where other codes come from.
 enum Source {
-    /// The envs themselves.
-    Env,
     /// Codes that are held, `[N, code_length]`.
     Held(Vec<f32>),
     /// Fair bits from one stream an env, `[N]`.
@@ -110,17 +109,17 @@ impl Encoder {
             keys.iter().zip(classes).map(one)
         };
         let source = match encoding {
-            Encoding::True => Source::Env,
-            Encoding::Zero => Source::Held(vec![0.0; keys.len() * code_length]),
+            Encoding::True => None,
+            Encoding::Zero => Some(Source::Held(vec![0.0; keys.len() * code_length])),
             Encoding::Wrong => {
                 let codes = space.codes();
                 let code = |(mut stream, &class): (Stream, &usize)| {
                     let other = another_class(&mut stream, class, space.classes().len());
                     codes[other * code_length..(other + 1) * code_length].to_vec()
                 };
-                Source::Held(streams().zip(classes).flat_map(code).collect())
+                Some(Source::Held(streams().zip(classes).flat_map(code).collect()))
             }
-            Encoding::Random => Source::Noise(streams().collect()),
+            Encoding::Random => Some(Source::Noise(streams().collect())),
         };
         Ok(Self { obs_dim, code_length, source })
     }
@@ -130,14 +129,11 @@ impl Encoder {
     /// # Shapes
     /// - `obs`: `[N, obs_dim]`; returns the same shape
     pub fn encode<'a>(&mut self, obs: &'a [f32]) -> Cow<'a, [f32]> {
+        let Some(source) = &mut self.source else { return Cow::Borrowed(obs) };
         let robot = self.obs_dim - self.code_length;
-        let mut rows = match self.source {
-            Source::Env => return Cow::Borrowed(obs),
-            Source::Held(_) | Source::Noise(_) => obs.to_vec(),
-        };
+        let mut rows = obs.to_vec();
         let codes = rows.chunks_exact_mut(self.obs_dim).map(|row| &mut row[robot..]);
-        match &mut self.source {
-            Source::Env => {}
+        match source {
             Source::Held(held) => {
                 codes.zip(held.chunks_exact(self.code_length)).for_each(|(code, held)| {
                     code.copy_from_slice(held);
