@@ -160,7 +160,7 @@ def test_a_run_names_its_backend_wherever_results_are(tmp_path: Path, backend: s
     assert header.endswith(",backend,precision")
     assert row.endswith(f",{backend},f64")
     out, _ = command("evaluate", run, "--json", "--backend", "lanes", "--precision", "f32")
-    found = json.loads(out)
+    (found,) = json.loads(out)["runs"]
     assert (found["backend"], found["precision"]) == ("lanes", "f32")
 
 

@@ -63,6 +63,9 @@ BAD_USAGE = [
     (("evaluate", "somewhere", "--backend", "brax"), 2, ["'brax'", "--backend"]),
     (("evaluate", "somewhere", "--precision", "f16"), 2, ["'f16'", "--precision"]),
     (("evaluate", "somewhere", "--episodes", "0"), 2, ["'0'", "--episodes", "at least 1"]),
+    (("evaluate", "somewhere", "--encoding", "lie"), 2, ["'lie'", "true, zero, wrong, random"]),
+    (("evaluate", "somewhere", "--compare"), 2, ["--compare", "<OTHER>"]),
+    (("evaluate", "--compare", "somewhere"), 2, ["<RUN>"]),
     (("evaluate",), 2, ["<RUN>"]),
     (("train", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod", ".toml"]),
     (("train", "--config", "nowhere.toml"), 1, ["nowhere.toml", "No such file"]),
@@ -196,7 +199,7 @@ def test_an_evaluation_is_a_function_of_its_seed(run: Path) -> None:
     first, again, other = (out for _, out, _ in results)
     assert first == again
     assert first != other
-    classes = json.loads(first)["classes"]
+    classes = json.loads(first)["runs"][0]["classes"]
     expected = DamageSpace(4, ["jammed_joint", "missing_toe"], 1).classes
     assert [(c["class"], c["name"], c["group"]) for c in classes] == [
         (c.id, c.name, c.group) for c in expected

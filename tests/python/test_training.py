@@ -258,5 +258,5 @@ def test_a_robot_that_no_code_knows_is_trained_and_evaluated(tmp_path: Path) -> 
     assert (learner["obs_dim"], learner["action_dim"]) == (32, 6)
     # From another working directory: the run knows where its robot file lies.
     out, _ = dappo_batch("evaluate", run, "--json", cwd=Path(os.sep))
-    names = [entry["name"] for entry in json.loads(out)["classes"]]
+    names = [entry["name"] for entry in json.loads(out)["runs"][0]["classes"]]
     assert names == [damage.name for damage in DamageSpace(3, ["missing_toe", "jammed_joint"], 1).classes]

@@ -5,7 +5,7 @@
 
 use dappo_learn::LearnError;
 use dappo_sim::SimError;
-use pyo3::exceptions::{PyException, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple, PyType};
@@ -113,6 +113,7 @@ pub fn from_sim(error: &SimError) -> PyErr {
         SimError::Shape { .. } => Kind::Shape,
         SimError::Library { .. } | SimError::Threads { .. } => Kind::Simulation,
         SimError::Snapshot(_) => Kind::Checkpoint,
+        SimError::Interrupted => return PyKeyboardInterrupt::new_err(()),
     };
     raise(kind, error.to_string())
 }

@@ -6,6 +6,7 @@ use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;
 use dappo_sim::vector_env::{VectorEnv, VectorEnvConfig};
 use dappo_sim::{BackendKind, DamageSpace, Precision, Robot, SimError};
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -106,7 +107,14 @@ impl EnvFactory for TableFactory {
         let backend = Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
                 .and_then(|table| table.backend(&self.choice, options))
-                .map_err(|error| SimError::Config(error.value(py).to_string()))
+                .map_err(|error| {
+                    // Ctrl-C while Python code runs becomes an exception there.
+                    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                        SimError::Interrupted
+                    } else {
+                        SimError::Config(error.value(py).to_string())
+                    }
+                })
         })?;
         VectorEnv::new(backend, &self.space, config)
     }

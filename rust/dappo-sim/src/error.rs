@@ -55,6 +55,10 @@ pub enum SimError {
         reason: String,
     },
 
+    /// Whoever was to make the physics was told to stop, for example with Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+
     /// A saved env state that belongs to another env.
     #[error("cannot restore the env state: {0}")]
     Snapshot(String),

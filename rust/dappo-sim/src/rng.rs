@@ -49,6 +49,8 @@ pub enum Purpose {
     DamageCode = 7,
     /// Order of the value net's samples in an epoch.
     ValueShuffle = 8,
+    /// Resamples of damage classes and seeds in comparisons.
+    Bootstrap = 9,
 }
 
 /// A stream of random numbers: `key` names the run or env, `episode` the episode (or iteration).

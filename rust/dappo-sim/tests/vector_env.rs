@@ -250,8 +250,14 @@ fn divergences_are_counted_over_the_life_of_an_env_and_end_its_episodes() {
         let saved = env.snapshot();
         env.step(&diverge).unwrap();
         assert_eq!((env.diverged(), &env.buffers().terminated[..]), (1, &[true, false][..]), "{mode:?}");
+        assert_eq!(env.buffers().diverged, [true, false], "{mode:?}");
         assert_eq!(env.buffers().rewards, [0.0, 1.0], "{mode:?}");
+        env.step(&WALK).unwrap();
+        assert_eq!(env.diverged(), 1, "counted once, {mode:?}");
+        let stands_still = mode == Autoreset::Disabled;
+        assert_eq!(env.buffers().diverged, [stands_still, false], "of the last step of the env, {mode:?}");
         env.reset(ResetOptions::default()).unwrap();
+        assert_eq!(env.buffers().diverged, [false, false], "{mode:?}");
         env.step(&FALL).unwrap();
         assert_eq!(env.diverged(), 1, "a fall is none, {mode:?}");
         env.restore(&saved).unwrap();

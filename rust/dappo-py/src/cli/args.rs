@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use dappo_learn::evaluate::Encoding;
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -18,7 +19,7 @@ pub struct Cli {
 pub enum Command {
     /// Train a damage-aware policy into a run folder
     Train(Box<TrainArgs>),
-    /// Run a trained policy on every damage class
+    /// Run trained policies on every damage class, and compare learners
     Evaluate(EvaluateArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
@@ -110,9 +111,15 @@ pub struct TrainArgs {
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Run folder
-    #[arg(value_name = "RUN")]
-    pub run: PathBuf,
+    /// Run folder; several are seeds of one learner
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Other runs, of another learner or setting, to compare with; their policies are told the truth
+    #[arg(long, value_name = "OTHER", num_args = 1..)]
+    pub compare: Vec<PathBuf>,
+    /// What the policies of RUN are told: the truth, that nothing is damaged, another damage, or noise
+    #[arg(long, value_parser = Encoding::ALL.map(Encoding::name), default_value = Encoding::True.name())]
+    pub encoding: String,
     /// Episodes a damage class [default: the run's]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub episodes: Option<i64>,

@@ -6,6 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
+use dappo_learn::evaluate::Encoding;
 use dappo_learn::run_folder::{Meta, RunFolder};
 use dappo_learn::train::train;
 use dappo_sim::SimError;
@@ -51,7 +52,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
         ));
         return Ok(INTERRUPTED);
     }
-    let evaluation = py.detach(|| evaluate_and_save(&outcome.ppo, &config, &factory, &run, &interrupted));
+    let evaluation =
+        py.detach(|| evaluate_and_save(&outcome.ppo, &config, Encoding::True, &factory, &run, &interrupted));
     let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else {
         let root = run.root().display();
         console::note(&format!(

@@ -86,6 +86,8 @@ pub struct StepOutputs<'a> {
     pub terminated: &'a mut [bool],
     /// Velocities of the main body along +x, m/s, `[N]`.
     pub forward_velocity: &'a mut [f64],
+    /// Whether the physics has diverged in this step, `[N]`.
+    pub diverged: &'a mut [bool],
 }
 
 /// The physics of N envs.
@@ -123,9 +125,6 @@ pub trait Backend: Send + Sync {
     /// - `actions`: `[N, nu]`, clipped to ±1
     /// - `skip`: `[N]`
     fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError>;
-
-    /// How often the physics of an env has diverged since the backend was made.
-    fn diverged(&self) -> u64;
 
     /// Reads positions and velocities of all envs.
     ///

@@ -33,6 +33,7 @@ impl VectorEnv {
                 for &env in &due {
                     self.buffers.terminated[env] = false;
                     self.buffers.truncated[env] = false;
+                    self.buffers.diverged[env] = false;
                 }
                 self.restart(&due)
             }

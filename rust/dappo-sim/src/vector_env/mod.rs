@@ -57,6 +57,8 @@ pub struct Buffers {
     pub truncated: Vec<bool>,
     /// Velocities of the main body along +x, m/s, `[N]`.
     pub forward_velocity: Vec<f64>,
+    /// Whether the physics diverged in the last step of the env, which is then a failure, `[N]`.
+    pub diverged: Vec<bool>,
     /// Damage class in force, `[N]`; healthy before onset.
     pub damage_class: Vec<i64>,
     /// Step of the episode at which the damage strikes, `[N]`.
@@ -83,6 +85,7 @@ impl Buffers {
             terminated: vec![false; envs],
             truncated: vec![false; envs],
             forward_velocity: vec![0.0; envs],
+            diverged: vec![false; envs],
             damage_class: vec![0; envs],
             damage_onset: vec![0; envs],
             episode_step: vec![0; envs],
@@ -105,6 +108,7 @@ pub struct VectorEnv {
     obs_dim: usize,
     episodes: Vec<Episode>,
     buffers: Buffers,
+    diverged: u64,
     started: bool,
 }
 
@@ -133,6 +137,7 @@ impl VectorEnv {
             config,
             code_length,
             obs_dim,
+            diverged: 0,
             started: false,
         })
     }
@@ -170,7 +175,7 @@ impl VectorEnv {
     /// How often the physics of an env has diverged since the env was made.
     #[must_use]
     pub fn diverged(&self) -> u64 {
-        self.backend.diverged()
+        self.diverged
     }
 
     /// Results of the last step or reset.
@@ -229,6 +234,7 @@ impl VectorEnv {
             self.buffers.rewards[reset.env] = 0.0;
             self.buffers.terminated[reset.env] = false;
             self.buffers.truncated[reset.env] = false;
+            self.buffers.diverged[reset.env] = false;
         }
         self.run_resets(&resets)?;
         self.started = true;
@@ -252,11 +258,13 @@ impl VectorEnv {
                 rewards: &mut buffers.rewards,
                 terminated: &mut buffers.terminated,
                 forward_velocity: &mut buffers.forward_velocity,
+                diverged: &mut buffers.diverged,
             },
         )?;
         for (env, episode) in self.episodes.iter_mut().enumerate().filter(|(env, _)| !pending[*env]) {
             episode.step += 1;
             self.buffers.episode_step[env] = episode.step as i64;
+            self.diverged += u64::from(self.buffers.diverged[env]);
             // As Gymnasium's TimeLimit: a failure in the last step is both terminated and truncated.
             self.buffers.truncated[env] = episode.step >= self.config.max_episode_steps;
         }

@@ -4,7 +4,8 @@ use dappo_sim::backend::{BackendSnapshot, ObsRows};
 use dappo_sim::terms::Task;
 use dappo_sim::{Backend, Layout, Reset, Robot, SimError, StepOutputs};
 
-const ROBOT: &str = r#"
+/// Its robot.
+pub const ROBOT: &str = r#"
 name = "counter"
 mjcf = "counter.xml"
 main_body = "root"
@@ -36,7 +37,6 @@ pub struct Counter {
     rows: Vec<f64>,
     classes: Vec<usize>,
     table: usize,
-    diverged: u64,
 }
 
 impl Counter {
@@ -53,7 +53,7 @@ impl Counter {
             touch_addresses: vec![],
         };
         let task = Task::new(&Robot::from_toml(ROBOT).unwrap(), &layout, None).unwrap();
-        Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table, diverged: 0 }
+        Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
     }
 
     fn observe(&self, env: usize, obs: &mut ObsRows<'_>) {
@@ -108,24 +108,20 @@ impl Backend for Counter {
     }
 
     fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError> {
-        let StepOutputs { mut obs, rewards, terminated, forward_velocity } = outputs;
+        let StepOutputs { mut obs, rewards, terminated, forward_velocity, diverged } = outputs;
         for env in (0..self.num_envs()).filter(|&env| !skip[env]) {
             self.rows[env * ROW + 1] += 1.0;
             self.rows[env * ROW + 2] = self.classes[env] as f64;
             rewards[env] = f64::from(actions[2 * env]);
             terminated[env] = actions[2 * env + 1] > 0.5;
             forward_velocity[env] = 10.0 * self.rows[env * ROW + 1];
-            if actions[2 * env + 1] > 1.5 {
-                self.diverged += 1;
+            diverged[env] = actions[2 * env + 1] > 1.5;
+            if diverged[env] {
                 (rewards[env], forward_velocity[env]) = (0.0, 0.0);
             }
             self.observe(env, &mut obs);
         }
         Ok(())
-    }
-
-    fn diverged(&self) -> u64 {
-        self.diverged
     }
 
     fn state(&self, qpos: &mut [f64], _: &mut [f64]) -> Result<(), SimError> {

@@ -27,6 +27,7 @@ pub(super) struct BlockOutputs<'a> {
     pub rewards: &'a mut [f64],
     pub terminated: &'a mut [bool],
     pub forward_velocity: &'a mut [f64],
+    pub diverged: &'a mut [bool],
 }
 
 impl Block {
@@ -114,7 +115,7 @@ impl Block {
         }
     }
 
-    /// Advances the envs of the block by one env step, but for those to skip; returns how many diverged.
+    /// Advances the envs of the block by one env step, but for those to skip.
     pub fn step(
         &mut self,
         task: &Task,
@@ -123,12 +124,12 @@ impl Block {
         skip: &[bool],
         actions: &[f32],
         outputs: &mut BlockOutputs<'_>,
-    ) -> u64 {
+    ) {
         let nu = task.layout().nu;
         let stepped = || (0..classes.len()).filter(|&lane| !skip[lane]);
         let lanes = mask(stepped());
         if lanes == 0 {
-            return 0;
+            return;
         }
         for lane in stepped() {
             let ctrl = &mut self.ctrl[lane * nu..(lane + 1) * nu];
@@ -144,7 +145,8 @@ impl Block {
         let mut diverged = 0;
         for lane in stepped() {
             self.read(lane);
-            if self.has_diverged(lane) {
+            outputs.diverged[lane] = self.has_diverged(lane);
+            if outputs.diverged[lane] {
                 diverged |= 1 << lane;
                 continue;
             }
@@ -159,7 +161,6 @@ impl Block {
         if diverged != 0 {
             self.fail(task, table, classes, diverged, outputs);
         }
-        u64::from(diverged.count_ones())
     }
 
     /// Whether the lane that has just been read is beyond what the physics can go on from.

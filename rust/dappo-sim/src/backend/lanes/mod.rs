@@ -37,7 +37,6 @@ pub struct LanesBackend {
     width: usize,
     blocks: Vec<Block>,
     classes: Vec<usize>,
-    diverged: u64,
 }
 
 impl LanesBackend {
@@ -54,7 +53,7 @@ impl LanesBackend {
         let engine = table.engine(precision, simd)?;
         let width = engine.width();
         let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &table)).collect();
-        Ok(Self { task, table, precision, pool, width, blocks, classes: vec![0; num_envs], diverged: 0 })
+        Ok(Self { task, table, precision, pool, width, blocks, classes: vec![0; num_envs] })
     }
 
     /// The block of an env, and its lane in it.
@@ -121,7 +120,7 @@ impl Backend for LanesBackend {
         expect_len("actions", actions.len(), self.classes.len() * nu)?;
         expect_len("skip", skip.len(), self.classes.len())?;
         let stride = outputs.obs.stride;
-        let diverged: u64 = self.pool.install(|| {
+        self.pool.install(|| {
             (
                 self.blocks.par_iter_mut(),
                 self.classes.par_chunks(width),
@@ -131,20 +130,28 @@ impl Backend for LanesBackend {
                 outputs.rewards.par_chunks_mut(width),
                 outputs.terminated.par_chunks_mut(width),
                 outputs.forward_velocity.par_chunks_mut(width),
+                outputs.diverged.par_chunks_mut(width),
             )
                 .into_par_iter()
-                .map(|(block, classes, skip, actions, obs, rewards, terminated, forward_velocity)| {
-                    let mut outputs = BlockOutputs { obs, stride, rewards, terminated, forward_velocity };
-                    block.step(task, table, classes, skip, actions, &mut outputs)
-                })
-                .sum()
+                .for_each(
+                    |(
+                        block,
+                        classes,
+                        skip,
+                        actions,
+                        obs,
+                        rewards,
+                        terminated,
+                        forward_velocity,
+                        diverged,
+                    )| {
+                        let mut outputs =
+                            BlockOutputs { obs, stride, rewards, terminated, forward_velocity, diverged };
+                        block.step(task, table, classes, skip, actions, &mut outputs);
+                    },
+                );
         });
-        self.diverged += diverged;
         Ok(())
-    }
-
-    fn diverged(&self) -> u64 {
-        self.diverged
     }
 
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {

@@ -30,7 +30,6 @@ pub struct MujocoBackend {
     row: usize,
     rows: Vec<f64>,
     classes: Vec<usize>,
-    diverged: u64,
 }
 
 impl MujocoBackend {
@@ -56,7 +55,6 @@ impl MujocoBackend {
             row,
             rows: vec![0.0; num_envs * row],
             classes: vec![0; num_envs],
-            diverged: 0,
         })
     }
 }
@@ -126,7 +124,7 @@ impl Backend for MujocoBackend {
         expect_len("actions", actions.len(), self.classes.len() * nu)?;
         expect_len("skip", skip.len(), self.classes.len())?;
         let obs_dim = task.obs_dim();
-        let diverged: u64 = self.pool.install(|| {
+        self.pool.install(|| {
             (
                 self.rows.par_chunks_mut(self.row),
                 self.classes.par_iter(),
@@ -136,33 +134,31 @@ impl Backend for MujocoBackend {
                 outputs.rewards.par_iter_mut(),
                 outputs.terminated.par_iter_mut(),
                 outputs.forward_velocity.par_iter_mut(),
+                outputs.diverged.par_iter_mut(),
             )
                 .into_par_iter()
-                .map(|(row, &class, &skip, action, obs, reward, terminated, velocity)| {
-                    if skip {
-                        return 0;
-                    }
-                    let mut worker = worker(workers);
-                    let Some(forward) = worker.step(task, table, class, row, action) else {
-                        worker.restart(task, table, class, row, &mut obs[..obs_dim]);
-                        (*reward, *terminated, *velocity) = (0.0, true, 0.0);
-                        return 1;
-                    };
-                    *velocity = forward;
-                    let signals = worker.signals(table, class, *velocity);
-                    *terminated = task.terminated(&signals);
-                    *reward = task.reward(&signals, *terminated);
-                    task.observe(&signals, &mut obs[..obs_dim]);
-                    0
-                })
-                .sum()
+                .for_each(
+                    |(row, &class, &skip, action, obs, reward, terminated, velocity, diverged)| {
+                        if skip {
+                            return;
+                        }
+                        let mut worker = worker(workers);
+                        let forward = worker.step(task, table, class, row, action);
+                        *diverged = forward.is_none();
+                        let Some(forward) = forward else {
+                            worker.restart(task, table, class, row, &mut obs[..obs_dim]);
+                            (*reward, *terminated, *velocity) = (0.0, true, 0.0);
+                            return;
+                        };
+                        *velocity = forward;
+                        let signals = worker.signals(table, class, *velocity);
+                        *terminated = task.terminated(&signals);
+                        *reward = task.reward(&signals, *terminated);
+                        task.observe(&signals, &mut obs[..obs_dim]);
+                    },
+                );
         });
-        self.diverged += diverged;
         Ok(())
-    }
-
-    fn diverged(&self) -> u64 {
-        self.diverged
     }
 
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError> {

@@ -1,0 +1,297 @@
+//! Two learners on the same damage classes: where one is ahead, by how much, and how sure that is.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
+use super::encoding::Encoding;
+use super::tables::{Evaluation, mean};
+use crate::error::{LearnError, Result};
+
+/// The evaluation of one run.
+#[derive(Debug, Clone, Serialize)]
+pub struct RunEvaluation {
+    /// Its run folder.
+    pub run: String,
+    /// Seed of its training.
+    pub seed: u64,
+    /// What was found.
+    #[serde(flatten)]
+    pub evaluation: Evaluation,
+}
+
+/// One run of a side.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunSummary {
+    /// Its run folder.
+    pub run: String,
+    /// Seed of its training.
+    pub seed: u64,
+    /// Mean forward reward over all classes.
+    pub forward_reward: f64,
+}
+
+/// One side of a comparison: runs of one learner that differ in their seeds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Side {
+    /// What its policies were told about the damage.
+    pub encoding: Encoding,
+    /// Mean forward reward over all classes and seeds.
+    pub forward_reward: f64,
+    /// One run a seed.
+    pub seeds: Vec<RunSummary>,
+}
+
+/// What a comparison says in a few numbers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// The side whose gain is asked for.
+    pub runs: Side,
+    /// The side that it is compared with.
+    pub others: Side,
+    /// Episodes of each class and run.
+    pub episodes: usize,
+    /// Seed of the start states and of the resamples.
+    pub evaluation_seed: u64,
+    /// Backend of the physics.
+    pub backend: &'static str,
+    /// Its floating-point format.
+    pub precision: &'static str,
+    /// Classes in which the first side is ahead on average over its seeds.
+    pub classes_won: usize,
+    /// Their share, 0 to 1.
+    pub share_won: f64,
+    /// Gain over all classes.
+    pub gain: Gain,
+    /// Gain over the classes with two damages on adjacent limbs, if the robot has any.
+    pub adjacent_pairs: Option<Gain>,
+    /// Gain over the classes with two damages on opposite limbs, if the robot has any.
+    pub opposite_pairs: Option<Gain>,
+    /// Resamples of each interval.
+    pub resamples: usize,
+    /// Share of the resamples inside an interval.
+    pub confidence: f64,
+    /// What was drawn anew in each resample, in words.
+    pub intervals_cover: &'static str,
+}
+
+/// One damage class of a comparison.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClassComparison {
+    /// Damage class.
+    pub class: usize,
+    /// Its name.
+    pub name: String,
+    /// Its group.
+    pub group: String,
+    /// Forward reward of the first side, mean over its seeds.
+    pub forward_reward: f64,
+    /// Forward reward of the other side, mean over its seeds.
+    pub other_forward_reward: f64,
+    /// The first minus the other.
+    pub difference: f64,
+    /// Whether the first side is ahead.
+    pub better: bool,
+}
+
+/// A comparison of two learners.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// The essence.
+    pub summary: Summary,
+    /// One entry a class, in canonical order.
+    pub classes: Vec<ClassComparison>,
+}
+
+impl Comparison {
+    /// Compares two sides that were evaluated with the same start states, drawn from `evaluation_seed`.
+    pub fn new(runs: &[RunEvaluation], others: &[RunEvaluation], evaluation_seed: u64) -> Result<Self> {
+        let [first, ..] = runs else { return Err(nothing_to_compare()) };
+        let [_, ..] = others else { return Err(nothing_to_compare()) };
+        let names = |run: &RunEvaluation| -> Vec<String> {
+            run.evaluation.classes.iter().map(|class| class.name.clone()).collect()
+        };
+        if let Some(other) = runs.iter().chain(others).find(|other| names(other) != names(first)) {
+            return Err(LearnError::Invalid(format!(
+                "{} has other damage classes than {}; only equal classes can be compared",
+                other.run, first.run
+            )));
+        }
+        let classes = compare_classes(runs, others);
+        let (rewards, other_rewards) = (rewards(runs), rewards(others));
+        let gain_in = |chosen: &[usize]| gain(&rewards, &other_rewards, chosen, evaluation_seed);
+        let pairs = |place: &str| {
+            let is_there = |class: &&ClassComparison| class.group.ends_with(place);
+            let chosen: Vec<usize> = classes.iter().filter(is_there).map(|class| class.class).collect();
+            (!chosen.is_empty()).then(|| gain_in(&chosen))
+        };
+        let classes_won = classes.iter().filter(|class| class.better).count();
+        let summary = Summary {
+            runs: side(runs, first.evaluation.encoding),
+            others: side(others, others[0].evaluation.encoding),
+            episodes: first.evaluation.classes.first().map_or(0, |class| class.episodes),
+            evaluation_seed,
+            backend: first.evaluation.backend,
+            precision: first.evaluation.precision,
+            classes_won,
+            share_won: classes_won as f64 / classes.len() as f64,
+            gain: gain_in(&(0..classes.len()).collect::<Vec<_>>()),
+            // As the damage space names its groups.
+            adjacent_pairs: pairs(" A"),
+            opposite_pairs: pairs(" O"),
+            resamples: RESAMPLES,
+            confidence: CONFIDENCE,
+            intervals_cover: coverage(runs.len(), others.len()),
+        };
+        Ok(Self { summary, classes })
+    }
+
+    /// The table of the classes as CSV with a header line.
+    #[must_use]
+    pub fn class_table(&self) -> String {
+        let mut text =
+            "class,name,group,forward_reward,other_forward_reward,difference,better,seeds,other_seeds\n"
+                .to_owned();
+        let (seeds, other_seeds) = (self.summary.runs.seeds.len(), self.summary.others.seeds.len());
+        for c in &self.classes {
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{},{:.4},{:.4},{:.4},{},{seeds},{other_seeds}",
+                c.class, c.name, c.group, c.forward_reward, c.other_forward_reward, c.difference, c.better
+            );
+        }
+        text
+    }
+}
+
+fn nothing_to_compare() -> LearnError {
+    LearnError::Invalid("a comparison needs at least one run on each side, got none".into())
+}
+
+/// Forward rewards `[seeds][classes]`.
+fn rewards(runs: &[RunEvaluation]) -> Vec<Vec<f64>> {
+    let of_run =
+        |run: &RunEvaluation| run.evaluation.classes.iter().map(|class| class.forward_reward).collect();
+    runs.iter().map(of_run).collect()
+}
+
+fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
+    let seeds: Vec<RunSummary> = runs
+        .iter()
+        .map(|run| RunSummary {
+            run: run.run.clone(),
+            seed: run.seed,
+            forward_reward: run.evaluation.mean_forward_reward(),
+        })
+        .collect();
+    Side { encoding, forward_reward: mean(seeds.iter().map(|run| run.forward_reward)), seeds }
+}
+
+fn compare_classes(runs: &[RunEvaluation], others: &[RunEvaluation]) -> Vec<ClassComparison> {
+    let over_seeds = |runs: &[RunEvaluation], class: usize| {
+        mean(runs.iter().map(|run| run.evaluation.classes[class].forward_reward))
+    };
+    let compare = |(index, class): (usize, &super::ClassResult)| {
+        let (forward_reward, other_forward_reward) = (over_seeds(runs, index), over_seeds(others, index));
+        let difference = forward_reward - other_forward_reward;
+        ClassComparison {
+            class: class.class,
+            name: class.name.clone(),
+            group: class.group.clone(),
+            forward_reward,
+            other_forward_reward,
+            difference,
+            better: difference > 0.0,
+        }
+    };
+    runs[0].evaluation.classes.iter().enumerate().map(compare).collect()
+}
+
+/// What the intervals cover: a single seed cannot be drawn in two ways.
+fn coverage(seeds: usize, other_seeds: usize) -> &'static str {
+    match (seeds > 1, other_seeds > 1) {
+        (true, true) => "classes and seeds",
+        (true, false) => "classes and the seeds of RUN, but classes only of OTHER, which has one seed",
+        (false, true) => "classes and the seeds of OTHER, but classes only of RUN, which has one seed",
+        (false, false) => "classes only, as each side has one seed",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tables::tests::class;
+    use super::*;
+
+    fn run(seed: u64, encoding: Encoding, rewards: [f64; 4]) -> RunEvaluation {
+        let groups = ["none", "D1", "D1_1 A", "D1_1 O"];
+        let classes = groups.into_iter().zip(rewards).enumerate();
+        let classes = classes.map(|(id, (group, reward))| class(id, group, reward, 1.0)).collect();
+        let evaluation = Evaluation::new(encoding, "lanes", "f64", classes);
+        RunEvaluation { run: format!("runs/{seed}"), seed, evaluation }
+    }
+
+    fn comparison() -> Comparison {
+        let runs =
+            [run(1, Encoding::Wrong, [10.0, 6.0, 5.0, 9.0]), run(2, Encoding::Wrong, [12.0, 2.0, 7.0, 9.0])];
+        Comparison::new(&runs, &[run(1, Encoding::True, [8.0, 4.0, 5.0, 3.0])], 3).unwrap()
+    }
+
+    #[test]
+    fn classes_are_compared_by_their_means_over_seeds() {
+        // Class 1: (6 + 2) / 2 = 4 against 4, which is no win.
+        let expected = "\
+            class,name,group,forward_reward,other_forward_reward,difference,better,seeds,other_seeds\n\
+            0,class 0,none,11.0000,8.0000,3.0000,true,2,1\n\
+            1,class 1,D1,4.0000,4.0000,0.0000,false,2,1\n\
+            2,class 2,D1_1 A,6.0000,5.0000,1.0000,true,2,1\n\
+            3,class 3,D1_1 O,9.0000,3.0000,6.0000,true,2,1\n";
+        assert_eq!(comparison().class_table(), expected);
+    }
+
+    #[test]
+    fn the_summary_holds_what_can_be_computed_by_hand() {
+        let summary = comparison().summary;
+        // (10 + 6 + 5 + 9) / 4, (12 + 2 + 7 + 9) / 4 and their mean; (8 + 4 + 5 + 3) / 4.
+        assert_eq!(summary.runs.seeds.iter().map(|run| run.forward_reward).collect::<Vec<_>>(), [7.5, 7.5]);
+        assert_eq!((summary.runs.forward_reward, summary.others.forward_reward), (7.5, 5.0));
+        assert_eq!((summary.runs.encoding, summary.others.encoding), (Encoding::Wrong, Encoding::True));
+        assert_eq!((summary.classes_won, summary.share_won), (3, 0.75));
+        assert_eq!((summary.gain.classes, summary.gain.absolute.value), (4, 2.5));
+        assert_eq!(summary.gain.relative.unwrap().value, 0.5);
+        let (adjacent, opposite) = (summary.adjacent_pairs.unwrap(), summary.opposite_pairs.unwrap());
+        // One class each. Adjacent: 5, 6 or 7 against 5. Opposite: 9 for both seeds against 3.
+        assert_eq!((adjacent.absolute.low, adjacent.absolute.value, adjacent.absolute.high), (0.0, 1.0, 2.0));
+        assert_eq!((opposite.absolute.low, opposite.absolute.value, opposite.absolute.high), (6.0, 6.0, 6.0));
+        assert_eq!(
+            summary.intervals_cover,
+            "classes and the seeds of RUN, but classes only of OTHER, which has one seed"
+        );
+    }
+
+    #[test]
+    fn without_pairs_there_is_no_gain_of_pairs() {
+        let single = |seed| {
+            let mut run = run(seed, Encoding::True, [1.0; 4]);
+            run.evaluation.classes.truncate(2);
+            run
+        };
+        let summary = Comparison::new(&[single(1)], &[single(2)], 3).unwrap().summary;
+        assert_eq!((summary.adjacent_pairs, summary.opposite_pairs), (None, None));
+        assert_eq!(summary.intervals_cover, "classes only, as each side has one seed");
+    }
+
+    #[test]
+    fn other_classes_and_empty_sides_are_refused() {
+        let mut foreign = run(2, Encoding::True, [1.0; 4]);
+        foreign.evaluation.classes[3].name = "class 4".into();
+        let known = run(1, Encoding::True, [1.0; 4]);
+        let message = Comparison::new(std::slice::from_ref(&known), &[foreign], 3).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "runs/2 has other damage classes than runs/1; only equal classes can be compared"
+        );
+        assert!(Comparison::new(&[known], &[], 3).is_err());
+    }
+}

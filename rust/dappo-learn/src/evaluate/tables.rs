@@ -1,0 +1,233 @@
+//! The tables of an evaluation: one row a damage class, and one row a group of classes.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::encoding::Encoding;
+
+/// The result of one damage class.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClassResult {
+    /// Damage class.
+    pub class: usize,
+    /// Its name.
+    pub name: String,
+    /// Its group.
+    pub group: String,
+    /// Episodes run.
+    pub episodes: usize,
+    /// Mean over episodes of Σ forward velocity, m/s.
+    pub forward_reward: f64,
+    /// Standard error of that mean; NaN for a single episode.
+    pub standard_error: f64,
+    /// Mean of Σ reward.
+    pub episode_return: f64,
+    /// Mean number of steps.
+    pub episode_length: f64,
+    /// Episodes that ended in failure.
+    pub falls: usize,
+    /// Episodes among them that ended because the physics diverged.
+    pub diverged: usize,
+}
+
+/// The result of a group of damage classes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GroupResult {
+    /// Name of the group, or [`ALL`].
+    pub group: String,
+    /// Damage classes in it.
+    pub classes: usize,
+    /// Episodes of all of them.
+    pub episodes: usize,
+    /// Mean of the classes' forward rewards, m/s. Each class has the same weight.
+    pub forward_reward: f64,
+    /// Standard error of that mean over episodes, √(Σ s²) / classes with s the standard errors of the
+    /// classes; NaN for a single episode a class. It says nothing about the spread between classes.
+    pub standard_error: f64,
+    /// Episodes that ended in failure.
+    pub falls: usize,
+    /// Episodes among them that ended because the physics diverged.
+    pub diverged: usize,
+}
+
+/// Name of the last group, which holds every class.
+pub const ALL: &str = "all";
+
+/// The results of all damage classes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// What the policy was told about the damage.
+    pub encoding: Encoding,
+    /// Backend of the physics.
+    pub backend: &'static str,
+    /// Its floating-point format.
+    pub precision: &'static str,
+    /// One entry a class, in canonical order.
+    pub classes: Vec<ClassResult>,
+    /// One entry a group in the order of their first classes, and one for all classes.
+    pub groups: Vec<GroupResult>,
+}
+
+impl Evaluation {
+    /// Forms the groups over the results of all classes.
+    #[must_use]
+    pub fn new(
+        encoding: Encoding,
+        backend: &'static str,
+        precision: &'static str,
+        classes: Vec<ClassResult>,
+    ) -> Self {
+        let groups = groups(&classes);
+        Self { encoding, backend, precision, classes, groups }
+    }
+
+    /// Mean forward reward over all classes.
+    #[must_use]
+    pub fn mean_forward_reward(&self) -> f64 {
+        mean(self.classes.iter().map(|class| class.forward_reward))
+    }
+
+    /// The table of the classes as CSV with a header line.
+    #[must_use]
+    pub fn class_table(&self) -> String {
+        let mut text =
+            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,\
+                        falls,diverged,backend,precision\n"
+                .to_owned();
+        for c in &self.classes {
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{:.4},{},{:.4},{:.2},{},{},{},{}",
+                c.class,
+                c.name,
+                c.group,
+                c.episodes,
+                c.forward_reward,
+                empty_if_nan(c.standard_error),
+                c.episode_return,
+                c.episode_length,
+                c.falls,
+                c.diverged,
+                self.backend,
+                self.precision
+            );
+        }
+        text
+    }
+
+    /// The table of the groups as CSV with a header line.
+    #[must_use]
+    pub fn group_table(&self) -> String {
+        let mut text =
+            "group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision\n"
+                .to_owned();
+        for g in &self.groups {
+            let _ = writeln!(
+                text,
+                "{},{},{},{:.4},{},{},{},{},{}",
+                g.group,
+                g.classes,
+                g.episodes,
+                g.forward_reward,
+                empty_if_nan(g.standard_error),
+                g.falls,
+                g.diverged,
+                self.backend,
+                self.precision
+            );
+        }
+        text
+    }
+}
+
+fn empty_if_nan(value: f64) -> String {
+    if value.is_nan() { String::new() } else { format!("{value:.4}") }
+}
+
+fn groups(classes: &[ClassResult]) -> Vec<GroupResult> {
+    let mut names: Vec<&str> = Vec::new();
+    for class in classes {
+        if !names.contains(&class.group.as_str()) {
+            names.push(&class.group);
+        }
+    }
+    let of_group = |name: &str| classes.iter().filter(|class| class.group == name).collect::<Vec<_>>();
+    let mut groups: Vec<GroupResult> = names.into_iter().map(|name| group(name, &of_group(name))).collect();
+    groups.push(group(ALL, &classes.iter().collect::<Vec<_>>()));
+    groups
+}
+
+fn group(name: &str, classes: &[&ClassResult]) -> GroupResult {
+    let variance: f64 = classes.iter().map(|class| class.standard_error.powi(2)).sum();
+    GroupResult {
+        group: name.to_owned(),
+        classes: classes.len(),
+        episodes: classes.iter().map(|class| class.episodes).sum(),
+        forward_reward: mean(classes.iter().map(|class| class.forward_reward)),
+        standard_error: variance.sqrt() / classes.len() as f64,
+        falls: classes.iter().map(|class| class.falls).sum(),
+        diverged: classes.iter().map(|class| class.diverged).sum(),
+    }
+}
+
+pub(super) fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub fn class(class: usize, group: &str, forward_reward: f64, standard_error: f64) -> ClassResult {
+        ClassResult {
+            class,
+            name: format!("class {class}"),
+            group: group.into(),
+            episodes: if standard_error.is_nan() { 1 } else { 4 },
+            forward_reward,
+            standard_error,
+            episode_return: 0.5,
+            episode_length: 20.0,
+            falls: class,
+            diverged: class / 2,
+        }
+    }
+
+    fn evaluation(errors: [f64; 4]) -> Evaluation {
+        let [healthy, first, second, pair] = errors;
+        let classes = vec![
+            class(0, "none", 10.0, healthy),
+            class(1, "D1", 4.0, first),
+            class(2, "D1", 7.0, second),
+            class(3, "D1_1 A", -1.0, pair),
+        ];
+        Evaluation::new(Encoding::True, "lanes", "f64", classes)
+    }
+
+    #[test]
+    fn a_group_weighs_its_classes_equally_and_the_last_one_holds_them_all() {
+        // D1: (4 + 7) / 2 = 5.5, √(3² + 4²) / 2 = 2.5. All: 20 / 4 = 5, √(2² + 3² + 4² + 6²) / 4 = √65 / 4 = 2.0156.
+        let expected = "\
+            group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision\n\
+            none,1,4,10.0000,2.0000,0,0,lanes,f64\n\
+            D1,2,8,5.5000,2.5000,3,1,lanes,f64\n\
+            D1_1 A,1,4,-1.0000,6.0000,3,1,lanes,f64\n\
+            all,4,16,5.0000,2.0156,6,2,lanes,f64\n";
+        let evaluation = evaluation([2.0, 3.0, 4.0, 6.0]);
+        assert_eq!(evaluation.group_table(), expected);
+        assert_eq!(evaluation.mean_forward_reward(), 5.0);
+    }
+
+    #[test]
+    fn a_single_episode_a_class_has_no_standard_error() {
+        let evaluation = evaluation([f64::NAN; 4]);
+        let rows: Vec<String> = evaluation.group_table().lines().skip(1).map(ToOwned::to_owned).collect();
+        assert_eq!(rows[1], "D1,2,2,5.5000,,3,1,lanes,f64");
+        assert_eq!(rows[3], "all,4,4,5.0000,,6,2,lanes,f64");
+        let row = evaluation.class_table().lines().nth(3).map(ToOwned::to_owned).unwrap();
+        assert_eq!(row, "2,class 2,D1,1,7.0000,,0.5000,20.00,2,1,lanes,f64");
+    }
+}

@@ -1,0 +1,115 @@
+//! `dappo-batch evaluate`, and the evaluation at the end of a training.
+
+mod runs;
+mod show;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dappo_learn::Ppo;
+use dappo_learn::config::Config;
+use dappo_learn::evaluate::{Comparison, Encoding, Evaluation, RunEvaluation, evaluate};
+use dappo_learn::run_folder::RunFolder;
+use pyo3::prelude::*;
+use serde_json::json;
+
+use super::args::EvaluateArgs;
+use super::{INTERRUPTED, console, signals};
+use crate::errors::from_learn;
+use crate::factory::TableFactory;
+use runs::LoadedRun;
+pub use show::show;
+
+pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
+    let encoding = Encoding::parse(&arguments.encoding).map_err(|error| from_learn(&error))?;
+    let interrupted = signals::watch()?;
+    // Every run is loaded before the first one is evaluated: a mistake shows at once.
+    let runs = runs::load(py, arguments, &arguments.runs, encoding, None)?;
+    let others = runs::load(py, arguments, &arguments.compare, Encoding::True, runs.first())?;
+    if !arguments.json {
+        console::note(&runs[0].describe());
+    }
+    let several = runs.len() + others.len() > 1;
+    let evaluate = |runs: &[LoadedRun], encoding| {
+        evaluate_all(py, runs, encoding, &interrupted, |run, evaluation| {
+            if arguments.json {
+                return;
+            }
+            if several {
+                // The tables of many runs would hide their comparison; each run folder holds its own.
+                console::print_line(&run.heading());
+                show::groups(evaluation);
+            } else {
+                show(evaluation);
+            }
+        })
+    };
+    let Some(evaluations) = evaluate(&runs, encoding)? else { return Ok(INTERRUPTED) };
+    let Some(other_evaluations) = evaluate(&others, Encoding::True)? else { return Ok(INTERRUPTED) };
+    let comparison = if others.is_empty() {
+        None
+    } else {
+        let comparison = compare_and_save(&runs[0], &evaluations, &other_evaluations, encoding);
+        Some(comparison.map_err(|error| from_learn(&error))?)
+    };
+    if arguments.json {
+        let report = json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison });
+        console::print_line(&report.to_string());
+    } else if let Some(comparison) = comparison {
+        show::comparison(&comparison.summary);
+    } else if several {
+        show::seeds(&evaluations);
+    }
+    Ok(0)
+}
+
+/// Evaluates the runs of one learner, one after the other; `None` when it was interrupted.
+fn evaluate_all(
+    py: Python<'_>,
+    runs: &[LoadedRun],
+    encoding: Encoding,
+    interrupted: &AtomicBool,
+    report: impl Fn(&LoadedRun, &Evaluation),
+) -> PyResult<Option<Vec<RunEvaluation>>> {
+    let mut evaluations = Vec::with_capacity(runs.len());
+    for run in runs {
+        let evaluation = py.detach(|| {
+            evaluate_and_save(&run.ppo, &run.config, encoding, &run.factory, &run.folder, interrupted)
+        });
+        let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else { return Ok(None) };
+        report(run, &evaluation);
+        evaluations.push(RunEvaluation { run: run.name(), seed: run.config.seed, evaluation });
+    }
+    Ok(Some(evaluations))
+}
+
+/// Evaluates a policy and writes its tables into `eval/`; `None` when it was interrupted.
+pub fn evaluate_and_save(
+    ppo: &Ppo,
+    config: &Config,
+    encoding: Encoding,
+    factory: &TableFactory,
+    run: &RunFolder,
+    interrupted: &AtomicBool,
+) -> dappo_learn::Result<Option<Evaluation>> {
+    let evaluation = evaluate(ppo, config, encoding, factory, &|| interrupted.load(Ordering::Relaxed))?;
+    if let Some(evaluation) = &evaluation {
+        run.write_evaluation(&encoding.file_name("per_class", "csv"), &evaluation.class_table())?;
+        run.write_evaluation(&encoding.file_name("groups", "csv"), &evaluation.group_table())?;
+    }
+    Ok(evaluation)
+}
+
+/// Compares two sides and writes the result into the `eval/` of the first run.
+fn compare_and_save(
+    first: &LoadedRun,
+    runs: &[RunEvaluation],
+    others: &[RunEvaluation],
+    encoding: Encoding,
+) -> dappo_learn::Result<Comparison> {
+    let comparison = Comparison::new(runs, others, first.config.evaluation.seed)?;
+    let summary = serde_json::to_string_pretty(&comparison.summary)
+        .map_err(|error| dappo_learn::LearnError::Invalid(error.to_string()))?;
+    first.folder.write_evaluation(&encoding.file_name("comparison", "csv"), &comparison.class_table())?;
+    first.folder.write_evaluation(&encoding.file_name("comparison", "json"), &summary)?;
+    Ok(comparison)
+}

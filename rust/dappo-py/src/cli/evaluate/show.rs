@@ -1,0 +1,145 @@
+//! What a person sees of an evaluation.
+
+use dappo_learn::evaluate::{ALL, Encoding, Estimate, Evaluation, Gain, RunEvaluation, Side, Summary};
+
+use crate::cli::console;
+
+/// Prints the table of the classes, that of the groups and the mean over all classes.
+pub fn show(evaluation: &Evaluation) {
+    classes(evaluation);
+    groups(evaluation);
+}
+
+fn classes(evaluation: &Evaluation) {
+    let width = evaluation.classes.iter().map(|class| class.name.len()).max().unwrap_or(0).max("name".len());
+    console::print_line(&format!(
+        "class  {:<width$}  {:<8} {:>14} {:>8} {:>8} {:>7}",
+        "name", "group", "forward reward", "± s.e.", "length", "falls"
+    ));
+    for c in &evaluation.classes {
+        let (error, falls) = (error(c.standard_error), format!("{}/{}", c.falls, c.episodes));
+        console::print_line(&format!(
+            "{:>5}  {:<width$}  {:<8} {:>14.1} {error:>8} {:>8.0} {falls:>7}",
+            c.class, c.name, c.group, c.forward_reward, c.episode_length
+        ));
+    }
+}
+
+/// Prints the table of the groups and the mean over all classes.
+pub fn groups(evaluation: &Evaluation) {
+    console::print_line(&format!(
+        "group     classes {:>14} {:>8} {:>10}",
+        "forward reward", "± s.e.", "falls"
+    ));
+    for g in &evaluation.groups {
+        let (error, falls) = (error(g.standard_error), format!("{}/{}", g.falls, g.episodes));
+        console::print_line(&format!(
+            "{:<8} {:>8} {:>14.1} {error:>8} {falls:>10}",
+            g.group, g.classes, g.forward_reward
+        ));
+    }
+    let diverged: usize = evaluation.groups.iter().filter(|g| g.group == ALL).map(|g| g.diverged).sum();
+    if diverged > 0 {
+        console::print_line(&format!(
+            "episodes among the falls that ended because the physics diverged: {diverged}"
+        ));
+    }
+    console::print_line(&format!(
+        "mean forward reward over {} classes: {:.1} (backend {}, {}){}",
+        evaluation.classes.len(),
+        evaluation.mean_forward_reward(),
+        evaluation.backend,
+        evaluation.precision,
+        told(evaluation.encoding)
+    ));
+}
+
+/// Prints the mean over several runs of one learner.
+pub fn seeds(runs: &[RunEvaluation]) {
+    let means: Vec<f64> = runs.iter().map(|run| run.evaluation.mean_forward_reward()).collect();
+    let low = means.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    console::print_line(&format!(
+        "mean forward reward of {} runs: {:.1}, from {low:.1} to {high:.1} ({})",
+        runs.len(),
+        means.iter().sum::<f64>() / means.len() as f64,
+        seed_list(runs.iter().map(|run| run.seed))
+    ));
+}
+
+/// Prints the essence of a comparison.
+pub fn comparison(summary: &Summary) {
+    console::print_line(&format!(
+        "comparison of RUN ({}) with OTHER ({})",
+        names(&summary.runs),
+        names(&summary.others)
+    ));
+    for (name, side) in [("RUN", &summary.runs), ("OTHER", &summary.others)] {
+        console::print_line(&format!(
+            "  mean forward reward of {name}: {:.1} ({}){}",
+            side.forward_reward,
+            seed_list(side.seeds.iter().map(|run| run.seed)),
+            told(side.encoding)
+        ));
+    }
+    console::print_line(&format!(
+        "  classes in which RUN is ahead: {} of {} ({:.1} %)",
+        summary.classes_won,
+        summary.gain.classes,
+        100.0 * summary.share_won
+    ));
+    console::print_line(&format!("  average gain: {}", gain(&summary.gain)));
+    for (name, pairs) in [("adjacent", &summary.adjacent_pairs), ("opposite", &summary.opposite_pairs)] {
+        if let Some(pairs) = pairs {
+            console::print_line(&format!(
+                "  average gain on {name} pairs ({} classes): {}",
+                pairs.classes,
+                gain(pairs)
+            ));
+        }
+    }
+    if [Some(&summary.gain), summary.adjacent_pairs.as_ref(), summary.opposite_pairs.as_ref()]
+        .into_iter()
+        .flatten()
+        .any(|gain| gain.relative.is_none())
+    {
+        console::print_line("  no gain in per cent where the mean of OTHER may not be above 0");
+    }
+    console::print_line(&format!(
+        "  intervals: {:.0} % of {} bootstrap resamples over {}",
+        100.0 * summary.confidence,
+        summary.resamples,
+        summary.intervals_cover
+    ));
+}
+
+fn names(side: &Side) -> String {
+    side.seeds.iter().map(|run| run.run.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+/// `1 seed: 0` or `3 seeds: 0, 1, 2`.
+fn seed_list(seeds: impl Iterator<Item = u64>) -> String {
+    let seeds: Vec<String> = seeds.map(|seed| seed.to_string()).collect();
+    let noun = if seeds.len() == 1 { "seed" } else { "seeds" };
+    format!("{} {noun}: {}", seeds.len(), seeds.join(", "))
+}
+
+/// Nothing for the truth.
+fn told(encoding: Encoding) -> String {
+    if encoding == Encoding::True { String::new() } else { format!(", encoding {}", encoding.name()) }
+}
+
+fn gain(gain: &Gain) -> String {
+    let absolute = with_interval(gain.absolute, 1.0, "");
+    let relative = gain.relative.map(|relative| format!(", {}", with_interval(relative, 100.0, " %")));
+    format!("{absolute}{}", relative.unwrap_or_default())
+}
+
+fn with_interval(estimate: Estimate, factor: f64, unit: &str) -> String {
+    let number = |value: f64| format!("{:+.1}{unit}", factor * value);
+    format!("{} [{}, {}]", number(estimate.value), number(estimate.low), number(estimate.high))
+}
+
+fn error(standard_error: f64) -> String {
+    if standard_error.is_nan() { "–".to_owned() } else { format!("{standard_error:.1}") }
+}

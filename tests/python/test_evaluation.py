@@ -1,0 +1,419 @@
+"""`dappo-batch evaluate`: groups of classes, what the policy is told, and the comparison of learners."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dappo_batch as package
+
+from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many, files, start
+
+PAIRS = (*TINY, "damage.max_damaged_limbs=2", "evaluation.episodes=2")
+AWARE = ("aware-1", "aware-2", "aware-3")
+UNAWARE = ("unaware-1", "unaware-2")
+
+Row = dict[str, str]
+Arm = NDArray[np.float64]
+
+
+def read(path: Path) -> list[Row]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def column(rows: list[Row], name: str) -> NDArray[np.float64]:
+    return np.array([float(row[name]) for row in rows])
+
+
+def evaluate(*arguments: str | Path) -> tuple[dict[str, Any], str]:
+    """Evaluate with ``--json``; return what was printed and the notes."""
+    out, err = dappo_batch("evaluate", *arguments, "--json")
+    assert out.count("\n") == 1, "one JSON object"
+    return json.loads(out), err
+
+
+@pytest.fixture(scope="module")
+def downhill(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return an Ant on a slope: whatever a policy does, it gets forward, and ratios of means make sense."""
+    folder = tmp_path_factory.mktemp("downhill") / "robots"
+    shutil.copytree(Path(package.load_robot("ant").path).parent, folder)
+    model = folder / "ant.xml"
+    old = 'integrator="RK4"'
+    text = model.read_text()
+    assert text.count(old) == 1
+    model.write_text(text.replace(old, f'{old} gravity="8 0 -9.81"'))
+    return folder / "ant.toml"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, downhill: Path) -> Path:
+    """Train two learners with several seeds; return the folder of their runs."""
+    folder = tmp_path_factory.mktemp("runs")
+    train = ("train", "--robot", downhill, "--steps", str(ITERATION))
+    results = dappo_batch_many(
+        *((*train, "--run", folder / name, "--seed", name[-1], *PAIRS) for name in AWARE),
+        *((*train, "--run", folder / name, "--unaware", "--seed", name[-1], *PAIRS) for name in UNAWARE),
+    )
+    assert [code for code, _, _ in results] == [0] * 5, results
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(runs: Path) -> tuple[dict[str, Any], str]:
+    """Compare the learners, for people and for programs; the files are left in the first run."""
+    command = ("evaluate", *(runs / name for name in AWARE), "--compare", *(runs / name for name in UNAWARE))
+    (code, out, _), (again, text, _) = dappo_batch_many((*command, "--json"), command)
+    assert (code, again) == (0, 0)
+    found: dict[str, Any] = json.loads(out)
+    return found, text
+
+
+def test_the_groups_are_those_of_the_table_of_classes(runs: Path) -> None:
+    for name in (AWARE[0], UNAWARE[0]):
+        classes = read(runs / name / "eval" / "per_class.csv")
+        groups = read(runs / name / "eval" / "groups.csv")
+        names = list(dict.fromkeys(row["group"] for row in classes))
+        assert [row["group"] for row in groups] == [*names, "all"]
+        assert len(names) == 9
+        for group in groups:
+            rows = [row for row in classes if group["group"] in (row["group"], "all")]
+            assert int(group["classes"]) == len(rows)
+            for count in ("episodes", "falls", "diverged"):
+                assert int(group[count]) == sum(int(row[count]) for row in rows)
+            # Both tables are rounded to four decimals.
+            errors = column(rows, "standard_error")
+            error = math.sqrt(sum(errors**2)) / len(rows)
+            assert float(group["standard_error"]) == pytest.approx(error, abs=1.1e-4)
+            mean = column(rows, "forward_reward").mean()
+            assert float(group["forward_reward"]) == pytest.approx(mean, abs=1.1e-4)
+            assert (group["backend"], group["precision"]) == (rows[0]["backend"], rows[0]["precision"])
+
+
+def test_a_single_episode_has_no_standard_error_in_any_table(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    found, _ = evaluate(run, "--episodes", "1")
+    for table in ("per_class.csv", "groups.csv"):
+        assert {row["standard_error"] for row in read(run / "eval" / table)} == {""}
+    assert {group["standard_error"] for group in found["runs"][0]["groups"]} == {None}
+
+
+def test_every_run_gets_its_tables_and_equal_start_states(
+    runs: Path, compared: tuple[dict[str, Any], str]
+) -> None:
+    found, _ = compared
+    sides = {"runs": AWARE, "others": UNAWARE}
+    for side, names in sides.items():
+        assert [(run["run"], run["seed"]) for run in found[side]] == [
+            (str(runs / name), int(name[-1])) for name in names
+        ]
+        for run in found[side]:
+            rows = read(Path(run["run"]) / "eval" / "per_class.csv")
+            rewards = [entry["forward_reward"] for entry in run["classes"]]
+            assert column(rows, "forward_reward") == pytest.approx(rewards, abs=1e-4)
+
+
+def arms(runs: Path) -> tuple[Arm, Arm]:
+    """Read the forward rewards `[seeds, classes]` of both learners."""
+    first, second = (
+        np.stack([column(read(runs / name / "eval" / "per_class.csv"), "forward_reward") for name in names])
+        for names in (AWARE, UNAWARE)
+    )
+    return first, second
+
+
+def test_the_table_of_a_comparison_holds_means_over_seeds(
+    runs: Path, compared: tuple[dict[str, Any], str]
+) -> None:
+    found, _ = compared
+    rows = read(runs / AWARE[0] / "eval" / "comparison.csv")
+    aware, unaware = (arm.mean(0) for arm in arms(runs))
+    assert column(rows, "forward_reward") == pytest.approx(aware, abs=1.1e-4)
+    assert column(rows, "other_forward_reward") == pytest.approx(unaware, abs=1.1e-4)
+    assert column(rows, "difference") == pytest.approx(aware - unaware, abs=2.1e-4)
+    assert {(row["seeds"], row["other_seeds"]) for row in rows} == {("3", "2")}
+    assert [row["better"] for row in rows] == [
+        "true" if better else "false" for better in column(rows, "difference") > 0
+    ]
+    known = read(runs / AWARE[0] / "eval" / "per_class.csv")
+    assert [[row[key] for key in ("class", "name", "group")] for row in rows] == [
+        [row[key] for key in ("class", "name", "group")] for row in known
+    ]
+    summary = found["comparison"]["summary"]
+    won = sum(row["better"] == "true" for row in rows)
+    assert 0 < won < len(rows)
+    assert (summary["classes_won"], summary["share_won"]) == (won, pytest.approx(won / 33))
+    assert summary == json.loads((runs / AWARE[0] / "eval" / "comparison.json").read_text())
+
+
+RESAMPLES = 10_000
+# Standard deviation of a 2.5 % quantile of 10 000 normal numbers, in their standard deviations:
+# √(.025 · .975 / 10000) / scipy.stats.norm.pdf(1.96). Two bootstraps differ by √2 of it; five times that.
+TOLERANCE = 5 * math.sqrt(2) * 0.0267
+
+
+def resampled(arms: tuple[Arm, Arm], *, draw_seeds: bool = True) -> tuple[Arm, Arm]:
+    """Return the means of both learners in resamples of classes and seeds."""
+    chance = np.random.default_rng(7)
+    count = arms[0].shape[1]
+    classes = chance.integers(count, size=(RESAMPLES, count))
+    means = []
+    for arm in arms:
+        seeds = np.broadcast_to(np.arange(len(arm)), (RESAMPLES, len(arm)))
+        if draw_seeds:
+            seeds = chance.integers(len(arm), size=seeds.shape)
+        means.append(arm[seeds[:, :, None], classes[:, None, :]].mean((1, 2)))
+    return means[0], means[1]
+
+
+@pytest.mark.parametrize(
+    ("key", "place", "count"), [("gain", "", 33), ("adjacent_pairs", " A", 16), ("opposite_pairs", " O", 8)]
+)
+def test_gains_and_their_intervals_equal_those_of_numpy(
+    runs: Path, compared: tuple[dict[str, Any], str], key: str, place: str, count: int
+) -> None:
+    groups = [row["group"] for row in read(runs / AWARE[0] / "eval" / "comparison.csv")]
+    chosen = [index for index, group in enumerate(groups) if group.endswith(place)]
+    aware, unaware = (arm[:, chosen] for arm in arms(runs))
+    found = compared[0]["comparison"]["summary"][key]
+    assert found["classes"] == len(chosen) == count
+    first, second = resampled((aware, unaware))
+    assert second.min() > 0, "the slope moves every robot forward"
+    for name, value, values in [
+        ("absolute", aware.mean() - unaware.mean(), first - second),
+        ("relative", aware.mean() / unaware.mean() - 1, first / second - 1),
+    ]:
+        estimate, deviation = found[name], values.std()
+        assert estimate["value"] == pytest.approx(value, abs=1e-3 * deviation)
+        low, high = np.quantile(values, [0.025, 0.975])
+        assert estimate["low"] == pytest.approx(low, abs=TOLERANCE * deviation)
+        assert estimate["high"] == pytest.approx(high, abs=TOLERANCE * deviation)
+
+
+def test_the_seeds_widen_the_intervals_so_that_the_comparison_with_numpy_sees_them(runs: Path) -> None:
+    (first, second), (still, other) = resampled(arms(runs)), resampled(arms(runs), draw_seeds=False)
+    with_seeds, without = np.ptp([np.quantile(x, [0.025, 0.975]) for x in (first - second, still - other)], 1)
+    assert with_seeds - without > 2 * TOLERANCE * (first - second).std()
+
+
+def test_a_comparison_is_told_in_words_too(compared: tuple[dict[str, Any], str]) -> None:
+    found, text = compared
+    summary = found["comparison"]["summary"]
+    lines = [line.strip() for line in text.splitlines()]
+    for name, side, seeds in [("RUN", "runs", "3 seeds: 1, 2, 3"), ("OTHER", "others", "2 seeds: 1, 2")]:
+        assert f"mean forward reward of {name}: {summary[side]['forward_reward']:.1f} ({seeds})" in lines
+    won = f"{summary['classes_won']} of 33 ({100 * summary['share_won']:.1f} %)"
+    assert f"classes in which RUN is ahead: {won}" in lines
+    for key, words in [
+        ("gain", "average gain"),
+        ("adjacent_pairs", "average gain on adjacent pairs (16 classes)"),
+        ("opposite_pairs", "average gain on opposite pairs (8 classes)"),
+    ]:
+        parts = []
+        for name, factor, unit in [("absolute", 1, ""), ("relative", 100, " %")]:
+            value, low, high = (
+                f"{factor * summary[key][name][end]:+.1f}{unit}" for end in ("value", "low", "high")
+            )
+            parts.append(f"{value} [{low}, {high}]")
+        assert f"{words}: {', '.join(parts)}" in lines
+    assert lines[-1] == "intervals: 95 % of 10000 bootstrap resamples over classes and seeds"
+
+
+def test_one_seed_and_no_pairs_are_said(tmp_path: Path) -> None:
+    # One damage at most; on level ground the mean of a policy that never learnt is somewhere around 0.
+    run, other = tmp_path / "run", tmp_path / "other"
+    train = ("train", "--steps", str(ITERATION))
+    command = ("evaluate", run, "--compare", other)
+    results = dappo_batch_many(
+        (*train, "--run", run, *TINY),
+        (*train, "--run", other, "--unaware", "--seed", "5", *TINY),
+        (*command, "--json"),
+        command,
+    )
+    assert [code for code, _, _ in results] == [0] * 4
+    text = results[3][1]
+    summary = json.loads(results[2][1])["comparison"]["summary"]
+    assert (summary["adjacent_pairs"], summary["opposite_pairs"]) == (None, None)
+    assert "average gain on" not in text
+    assert summary["intervals_cover"] == "classes only, as each side has one seed"
+    assert text.rstrip().endswith("over classes only, as each side has one seed")
+    no_ratio = summary["gain"]["relative"] is None
+    assert no_ratio == ("no gain in per cent" in text)
+    rewards = column(read(other / "eval" / "per_class.csv"), "forward_reward")[None]
+    # The lowest of 10 000 means of 9 classes is close to the lowest reward.
+    assert no_ratio == bool(resampled((rewards, rewards))[1].min() <= 0)
+
+
+def test_several_runs_alone_are_averaged(runs: Path, tmp_path: Path) -> None:
+    copies = [shutil.copytree(runs / name, tmp_path / name) for name in AWARE]
+    for copy in copies:
+        shutil.rmtree(copy / "eval")
+    found, _ = evaluate(*copies)
+    assert (found["others"], found["comparison"]) == ([], None)
+    assert {path.name for path in tmp_path.glob("*/eval/*")} == {"per_class.csv", "groups.csv"}
+    text, _ = dappo_batch("evaluate", *copies)
+    means = [run["groups"][-1]["forward_reward"] for run in found["runs"]]
+    assert text.splitlines()[-1] == (
+        f"mean forward reward of 3 runs: {np.mean(means):.1f}, from {min(means):.1f} to {max(means):.1f} "
+        "(3 seeds: 1, 2, 3)"
+    )
+
+
+def test_what_the_policy_is_told_changes_what_it_does(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    before = files(run)
+    commands = [("evaluate", run, "--encoding", name, "--json") for name in ("zero", "wrong", "random")]
+    results = dappo_batch_many(*commands)
+    assert [code for code, _, _ in results] == [0] * 3
+    assert [json.loads(out)["runs"][0]["encoding"] for _, out, _ in results] == ["zero", "wrong", "random"]
+    after = files(run)
+    assert {name: after[name] for name in before} == before, "the true tables stay"
+    assert sorted(after.keys() - before.keys()) == sorted(
+        f"eval/{table}.{name}.csv"
+        for table in ("per_class", "groups")
+        for name in ("zero", "wrong", "random")
+    )
+    told = {
+        name: column(read(run / "eval" / f"per_class{name}.csv"), "forward_reward")
+        for name in ("", ".zero", ".wrong", ".random")
+    }
+    # All zeros are the code of the healthy robot, class 0.
+    assert (told[".zero"] == told[""]).tolist() == [True] + [False] * 32
+    assert not (told[".wrong"] == told[""]).any()
+    assert not (told[".random"] == told[""]).any()
+
+
+def test_the_cost_of_a_wrong_code_is_a_comparison_of_a_run_with_itself(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    found, _ = evaluate(run, "--encoding", "wrong", "--compare", run)
+    summary = json.loads((run / "eval" / "comparison.wrong.json").read_text())
+    assert summary == found["comparison"]["summary"]
+    assert (summary["runs"]["encoding"], summary["others"]["encoding"]) == ("wrong", "true")
+    wrong, true = (
+        column(read(run / "eval" / f"per_class{name}.csv"), "forward_reward") for name in (".wrong", "")
+    )
+    rows = read(run / "eval" / "comparison.wrong.csv")
+    assert column(rows, "forward_reward") == pytest.approx(wrong)
+    assert column(rows, "other_forward_reward") == pytest.approx(true)
+
+
+def test_results_do_not_depend_on_the_number_of_threads(runs: Path, tmp_path: Path) -> None:
+    names = (AWARE[0], AWARE[1], UNAWARE[0])
+    found = []
+    for threads in ("1", "2"):
+        folder = tmp_path / threads
+        first, second, other = (shutil.copytree(runs / name, folder / name) for name in names)
+        shutil.rmtree(first / "eval")
+        command = ("evaluate", first, second, "--compare", other, "--threads", threads, "--json")
+        results = dappo_batch_many(
+            (*command, "--encoding", "wrong"),
+            ("evaluate", first, "--encoding", "random", "--threads", threads),
+        )
+        assert [code for code, _, _ in results] == [0, 0]
+        tables = files(first / "eval")
+        # It names the run folders.
+        summary = json.loads(tables.pop("comparison.wrong.json"))
+        for entry in (*summary["runs"]["seeds"], *summary["others"]["seeds"]):
+            del entry["run"]
+        found.append((tables, summary))
+    assert found[0] == found[1]
+    assert len(found[0][0]) == 5
+
+
+def edited(run: Path, folder: Path, *changes: tuple[str, str]) -> Path:
+    """Copy a run and change its configuration, as if it had been trained so."""
+    copy = shutil.copytree(run, folder)
+    config = copy / "config.toml"
+    text = config.read_text()
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    config.write_text(text)
+    return copy
+
+
+OTHER_SEED = ("seed = 1\n", "seed = 9\n")
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ((("max_damaged_limbs = 2", "max_damaged_limbs = 1"),), ["`damage.max_damaged_limbs` is `1`", "`2`"]),
+        ((("severity = 1.0", "severity = 0.5"),), ["`damage.severity` is `0.5`", "expected `1`"]),
+        (
+            (("max_episode_steps = 20", "max_episode_steps = 30"),),
+            ["`env.max_episode_steps` is `30`", "`20`"],
+        ),
+        ((("first = 0", "first = 3"), ("last = 0", "last = 5")), ["`damage.onset` is `3 to 5`", "`0 to 0`"]),
+        ((("observe_damage", 'physics = "euler"\nobserve_damage'),), ["`env.physics` is `euler`", "`rk4`"]),
+    ],
+    ids=lambda value: value[-1][-1] if isinstance(value, tuple) else "",
+)
+@pytest.mark.parametrize("flag", [(), ("--compare",)], ids=["beside", "compared"])
+def test_runs_of_other_episodes_are_refused(
+    runs: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...], parts: list[str], flag: tuple[str, ...]
+) -> None:
+    other = edited(runs / AWARE[0], tmp_path / "other", OTHER_SEED, *changes)
+    before = files(tmp_path)
+    out, err = dappo_batch("evaluate", runs / AWARE[1], *flag, other, code=1)
+    assert out == ""
+    assert f"{other} cannot be evaluated beside {runs / AWARE[1]}: its " in err
+    for part in parts:
+        assert part in err
+    assert files(tmp_path) == before
+
+
+def test_runs_that_cannot_be_seeds_of_one_learner_or_of_one_robot_are_refused(
+    runs: Path, tmp_path: Path, downhill: Path
+) -> None:
+    aware, unaware = runs / AWARE[0], runs / UNAWARE[1]
+    robot = (f'robot = "{downhill}"', 'robot = "hexapod"')
+    reward = ('reward = "gym"', 'reward = "paper"')
+    text = (aware / "config.toml").read_text()
+    hexapod = edited(
+        aware, tmp_path / "hexapod", *(change for change in (robot, reward) if change[0] in text)
+    )
+    cases: list[tuple[tuple[str | Path, ...], list[str]]] = [
+        ((aware, "--compare", hexapod), [f"{hexapod} cannot", "`robot` is `hexapod`, expected `ant`"]),
+        ((aware, unaware), [f"{aware} is a run of DA-PPO and {unaware} one of PPO-Unaware", "--compare"]),
+        ((aware, aware), ["both trained with seed 1", "must differ"]),
+        ((aware, "--compare", unaware, unaware), ["both trained with seed 2", "must differ"]),
+        ((aware, "--compare", "nowhere"), ["nowhere is no run folder"]),
+        *(
+            (
+                (unaware, "--encoding", name),
+                [f"{unaware}: ", "does not observe the damage", f"`{name}`", "`true`"],
+            )
+            for name in ("zero", "wrong", "random")
+        ),
+    ]
+    results = dappo_batch_many(*(("evaluate", *arguments) for arguments, _ in cases))
+    for (code, out, err), (arguments, parts) in zip(results, cases, strict=True):
+        assert (code, out) == (1, ""), arguments
+        for part in parts:
+            assert part in err
+        assert "Traceback" not in err
+
+
+def test_a_signal_ends_an_evaluation_with_130_and_keeps_the_old_tables(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    before = files(run)
+    # Without the signal this takes a minute.
+    process = start("evaluate", run, "--episodes", "1000", "--compare", runs / UNAWARE[0])
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("backend ")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert "Traceback" not in err
+    assert files(run) == before
