@@ -16,6 +16,8 @@ pub struct RunEvaluation {
     pub run: String,
     /// Seed of its training.
     pub seed: u64,
+    /// Env steps that its policy was trained for.
+    pub env_steps: u64,
     /// What was found.
     #[serde(flatten)]
     pub evaluation: Evaluation,
@@ -28,6 +30,8 @@ pub struct RunSummary {
     pub run: String,
     /// Seed of its training.
     pub seed: u64,
+    /// Env steps that its policy was trained for.
+    pub env_steps: u64,
     /// Mean forward reward over all classes.
     pub forward_reward: f64,
 }
@@ -74,6 +78,16 @@ pub struct Summary {
     pub confidence: f64,
     /// What was drawn anew in each resample, in words.
     pub intervals_cover: &'static str,
+}
+
+impl Summary {
+    /// Whether all policies of both sides were trained for the same number of env steps.
+    #[must_use]
+    pub fn equal_budgets(&self) -> bool {
+        let mut budgets = self.runs.seeds.iter().chain(&self.others.seeds).map(|run| run.env_steps);
+        let first = budgets.next();
+        budgets.all(|budget| Some(budget) == first)
+    }
 }
 
 /// One damage class of a comparison.
@@ -183,6 +197,7 @@ fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
         .map(|run| RunSummary {
             run: run.run.clone(),
             seed: run.seed,
+            env_steps: run.env_steps,
             forward_reward: run.evaluation.mean_forward_reward(),
         })
         .collect();
@@ -229,7 +244,7 @@ mod tests {
         let classes = groups.into_iter().zip(rewards).enumerate();
         let classes = classes.map(|(id, (group, reward))| class(id, group, reward, 1.0)).collect();
         let evaluation = Evaluation::new(encoding, "lanes", "f64", classes);
-        RunEvaluation { run: format!("runs/{seed}"), seed, evaluation }
+        RunEvaluation { run: format!("runs/{seed}"), seed, env_steps: 1000 * seed, evaluation }
     }
 
     fn comparison() -> Comparison {
@@ -256,6 +271,8 @@ mod tests {
         // (10 + 6 + 5 + 9) / 4, (12 + 2 + 7 + 9) / 4 and their mean; (8 + 4 + 5 + 3) / 4.
         assert_eq!(summary.runs.seeds.iter().map(|run| run.forward_reward).collect::<Vec<_>>(), [7.5, 7.5]);
         assert_eq!((summary.runs.forward_reward, summary.others.forward_reward), (7.5, 5.0));
+        assert_eq!(summary.runs.seeds.iter().map(|run| run.env_steps).collect::<Vec<_>>(), [1000, 2000]);
+        assert!(!summary.equal_budgets());
         assert_eq!((summary.runs.encoding, summary.others.encoding), (Encoding::Wrong, Encoding::True));
         assert_eq!((summary.classes_won, summary.share_won), (3, 0.75));
         assert_eq!((summary.gain.classes, summary.gain.absolute.value), (4, 2.5));

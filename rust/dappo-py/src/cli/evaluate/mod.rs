@@ -77,7 +77,8 @@ fn evaluate_all(
         });
         let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else { return Ok(None) };
         report(run, &evaluation);
-        evaluations.push(RunEvaluation { run: run.name(), seed: run.config.seed, evaluation });
+        let (seed, env_steps) = (run.config.seed, run.env_steps);
+        evaluations.push(RunEvaluation { run: run.name(), seed, env_steps, evaluation });
     }
     Ok(Some(evaluations))
 }

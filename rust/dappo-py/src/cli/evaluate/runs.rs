@@ -22,6 +22,8 @@ pub struct LoadedRun {
     pub config: Config,
     pub factory: TableFactory,
     pub ppo: Ppo,
+    /// Env steps that the policy was trained for.
+    pub env_steps: u64,
     /// What the evaluation simulates, by name; all runs of a command must agree.
     conditions: Vec<(&'static str, String)>,
 }
@@ -79,8 +81,8 @@ impl LoadedRun {
             check_conditions(reference, folder.root(), &conditions)?;
         }
         let ppo = py.detach(|| load_policy(&folder, &config, encoding, &factory));
-        let ppo = ppo.map_err(|error| from_learn(&error))?;
-        Ok(Self { folder, config, factory, ppo, conditions })
+        let (ppo, env_steps) = ppo.map_err(|error| from_learn(&error))?;
+        Ok(Self { folder, config, factory, ppo, env_steps, conditions })
     }
 
     /// Its run folder, as the user wrote it.
@@ -95,7 +97,8 @@ impl LoadedRun {
 
     /// A line above its table.
     pub fn heading(&self) -> String {
-        format!("{} · {} · seed {}", self.name(), learner(&self.config), self.config.seed)
+        let (learner, seed) = (learner(&self.config), self.config.seed);
+        format!("{} · {learner} · seed {seed} · {} env steps", self.name(), self.env_steps)
     }
 }
 
@@ -118,19 +121,20 @@ fn apply(arguments: &EvaluateArgs, config: &mut Config) -> PyResult<()> {
     Ok(())
 }
 
+/// The newest policy of a run, and the env steps that it was trained for.
 fn load_policy(
     run: &RunFolder,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
-) -> dappo_learn::Result<Ppo> {
+) -> dappo_learn::Result<(Ppo, u64)> {
     let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
     // One env is enough to learn the lengths of observations and actions.
     let one = VectorEnvConfig { keys: vec![0], ..factory.env_config(config)? };
     let probe = factory.make(one, config.env.reward.as_deref(), config.evaluation.precision)?;
     let named = |error| LearnError::Invalid(format!("{}: {error}", run.root().display()));
     encoding.check(probe.code_length(), factory.space()).map_err(named)?;
-    checkpoint.learner(&config.ppo, &probe)
+    Ok((checkpoint.learner(&config.ppo, &probe)?, checkpoint.progress.env_steps))
 }
 
 /// The settings that decide what an episode of each damage class is.

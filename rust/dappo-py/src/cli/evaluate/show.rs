@@ -82,6 +82,16 @@ pub fn comparison(summary: &Summary) {
             told(side.encoding)
         ));
     }
+    if !summary.equal_budgets() {
+        let budgets = |side: &Side| {
+            side.seeds.iter().map(|run| run.env_steps.to_string()).collect::<Vec<_>>().join(", ")
+        };
+        console::print_line(&format!(
+            "  their budgets differ, in env steps: {} of RUN, {} of OTHER",
+            budgets(&summary.runs),
+            budgets(&summary.others)
+        ));
+    }
     console::print_line(&format!(
         "  classes in which RUN is ahead: {} of {} ({:.1} %)",
         summary.classes_won,
