@@ -15,17 +15,24 @@ const CHUNK_ROWS: usize = 1024;
 
 /// Mean and variance of every row seen so far, in f64.
 ///
-/// The last `code_length` entries of a row are the damage code, whose zeros and ones carry meaning; they
-/// pass unchanged. A normaliser that has seen nothing is the identity. Clone it to keep a snapshot: a
-/// batch must be trained with the normaliser that it was collected with.
+/// The last `code_length` entries of a row are the damage code, whose zeros and ones carry meaning; they are
+/// multiplied by a constant and have no statistics. A normaliser that has seen nothing leaves the others as they
+/// are. Clone it to keep a snapshot: a batch must be trained with the normaliser that it was collected with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Normalizer {
     code_length: usize,
+    /// 1 in checkpoints that do not name it.
+    #[serde(default = "unscaled")]
+    code_scale: f32,
     count: u64,
     mean: Vec<f64>,
     /// Sum of squared deviations from the mean.
     squares: Vec<f64>,
+}
+
+fn unscaled() -> f32 {
+    1.0
 }
 
 /// Moments of a set of rows, mergeable with those of another set.
@@ -69,7 +76,8 @@ impl Moments {
 }
 
 impl Normalizer {
-    /// A normaliser of rows of `obs_dim` numbers, the last `code_length` of which pass unchanged.
+    /// A normaliser of rows of `obs_dim` numbers, the last `code_length` of which pass unchanged; see
+    /// [`Normalizer::with_code_scale`].
     pub fn new(obs_dim: usize, code_length: usize) -> Result<Self> {
         let Some(tracked) = obs_dim.checked_sub(code_length) else {
             return Err(LearnError::Config {
@@ -78,7 +86,14 @@ impl Normalizer {
                 expected: "at most the length of a row",
             });
         };
-        Ok(Self { code_length, count: 0, mean: vec![0.0; tracked], squares: vec![0.0; tracked] })
+        let zeros = vec![0.0; tracked];
+        Ok(Self { code_length, code_scale: 1.0, count: 0, mean: zeros.clone(), squares: zeros })
+    }
+
+    /// The same with a factor for the entries of the code.
+    #[must_use]
+    pub fn with_code_scale(self, code_scale: f32) -> Self {
+        Self { code_scale, ..self }
     }
 
     /// Length of a row, code included.
@@ -138,7 +153,8 @@ impl Normalizer {
         Ok(())
     }
 
-    /// The rows of `obs`, shifted and scaled to mean 0 and variance 1 and clipped to ±[`CLIP`].
+    /// The rows of `obs`, shifted and scaled to mean 0 and variance 1 and clipped to ±[`CLIP`], with the code
+    /// multiplied by its factor.
     ///
     /// # Shapes
     /// obs `[N, obs_dim]`, raw; returns the same shape
@@ -146,20 +162,27 @@ impl Normalizer {
         const ROWS: usize = 256;
         let row_length = self.obs_dim();
         check_length("obs [N, obs_dim]", obs, obs.len() / row_length.max(1) * row_length)?;
+        let (shift, scale) = self.shift_and_scale();
         let mut rows = obs.to_vec();
-        if self.count > 0 {
-            let shift: Vec<f32> = self.mean.iter().map(|mean| *mean as f32).collect();
-            let scale: Vec<f32> =
-                self.variance().iter().map(|var| (1.0 / (var + EPSILON).sqrt()) as f32).collect();
-            rows.par_chunks_mut(ROWS * row_length).for_each(|rows| {
-                for row in rows.chunks_exact_mut(row_length) {
-                    for ((x, shift), scale) in row.iter_mut().zip(&shift).zip(&scale) {
+        rows.par_chunks_mut(ROWS * row_length).for_each(|rows| {
+            for row in rows.chunks_exact_mut(row_length) {
+                let (tracked, code) = row.split_at_mut(shift.len());
+                if self.count > 0 {
+                    for ((x, shift), scale) in tracked.iter_mut().zip(&shift).zip(&scale) {
                         *x = ((*x - shift) * scale).clamp(-CLIP, CLIP);
                     }
                 }
-            });
-        }
+                code.iter_mut().for_each(|x| *x *= self.code_scale);
+            }
+        });
         Ok(rows)
+    }
+
+    /// What is subtracted from the entries before the code, and what they are multiplied by then.
+    fn shift_and_scale(&self) -> (Vec<f32>, Vec<f32>) {
+        let shift = self.mean.iter().map(|mean| *mean as f32).collect();
+        let scale = self.variance().iter().map(|var| (1.0 / (var + EPSILON).sqrt()) as f32).collect();
+        (shift, scale)
     }
 }
 
@@ -212,7 +235,17 @@ mod tests {
     }
 
     #[test]
-    fn a_normaliser_that_has_seen_nothing_is_the_identity() {
+    fn the_code_is_multiplied_by_its_factor_and_nothing_else_is() {
+        let mut plain = Normalizer::new(3, 1).unwrap();
+        plain.update(&rows()).unwrap();
+        let scaled = plain.clone().with_code_scale(4.0).apply(&rows()).unwrap();
+        for (plain, scaled) in plain.apply(&rows()).unwrap().chunks(3).zip(scaled.chunks(3)) {
+            assert_eq!(scaled, [plain[0], plain[1], 4.0 * plain[2]]);
+        }
+    }
+
+    #[test]
+    fn a_normaliser_that_has_seen_nothing_changes_nothing() {
         let normalizer = Normalizer::new(3, 1).unwrap();
         assert_eq!(normalizer.apply(&rows()).unwrap(), rows());
     }

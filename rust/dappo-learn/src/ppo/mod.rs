@@ -75,7 +75,7 @@ impl Ppo {
             policy_optimizer: adam(),
             value_optimizer: adam(),
             adaptation: Adaptation::default(),
-            normalizer: Normalizer::new(obs_dim, code_length)?,
+            normalizer: Normalizer::new(obs_dim, code_length)?.with_code_scale(config.code_scale as f32),
             previous: None,
         })
     }
