@@ -42,7 +42,8 @@ impl Ppo {
     }
 
     /// Trains both networks at the same time: they share nothing but the processor, which one alone does not
-    /// keep busy. The outcome is that of one after the other.
+    /// keep busy. The outcome is that of one after the other. Inside of rayon's pool each keeps to its thread
+    /// while the other is at work, and idle threads take over parts of whatever is left.
     fn train(
         &mut self,
         device: &Device,
@@ -66,12 +67,11 @@ impl Ppo {
             optimizer: &mut self.value_optimizer,
         };
         let previous = self.previous.as_ref();
-        std::thread::scope(|scope| {
-            let value = scope.spawn(move || value_update.run(value_batch, previous, value_shuffle));
-            let policy = policy_update.run(policy_batch, shuffle);
-            let value = value.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            Ok((policy?, value?))
-        })
+        let (policy, value_loss) = rayon::join(
+            move || policy_update.run(policy_batch, shuffle),
+            move || value_update.run(value_batch, previous, value_shuffle),
+        );
+        Ok((policy?, value_loss?))
     }
 
     fn policy_learning_rate(&self) -> f64 {
