@@ -60,8 +60,14 @@ def read(folder: Path) -> Run:
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
     with (folder / "eval" / "per_class.csv").open(encoding="utf-8", newline="") as file:
         classes = list(csv.DictReader(file))
-    learner = "DA-PPO" if config["env"]["observe_damage"] else "PPO-Unaware"
-    return Run(learner, config["seed"], curve(lines, config["total_steps"]), classes)
+    return Run(learner(config), config["seed"], curve(lines, config["total_steps"]), classes)
+
+
+def learner(config: dict[str, Any]) -> str:
+    """Name who learned; the scale of a code that nobody observes is left out."""
+    if not config["env"]["observe_damage"]:
+        return "PPO-Unaware"
+    return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}"
 
 
 def curve(lines: Iterable[dict[str, Any]], total_steps: int) -> list[dict[str, float]]:
@@ -107,7 +113,7 @@ def picture(runs: list[Run]) -> str:
     top = max(point["forward_reward"] for run in runs for point in run.points)
     scale = Scale(last, round_up(top))
     shapes = [axes(scale)]
-    for colour, (learner, group), line in zip(COLOURS, learners.items(), range(len(learners)), strict=False):
+    for line, (colour, (name, group)) in enumerate(zip(COLOURS, learners.items(), strict=False)):
         spans = list(zip(*(run.points for run in group), strict=False))
         values = [[point["forward_reward"] for point in span] for span in spans]
         steps = [span[0]["env_steps"] for span in spans]
@@ -118,7 +124,7 @@ def picture(runs: list[Run]) -> str:
         shapes.append(
             f'<polyline points="{scale.path(middle)}" fill="none" stroke="{colour}" stroke-width="2"/>'
         )
-        label = f"{learner}, {len(group)} seed{'s' if len(group) > 1 else ''}"
+        label = f"{name}, {len(group)} seed{'s' if len(group) > 1 else ''}"
         shapes.append(f'<text x="{MARGIN + 12}" y="{MARGIN + 18 * line}" fill="{colour}">{label}</text>')
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
     style = 'font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="white"/>'
