@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from dappo_batch._core import ConfigError, SimulationError
@@ -24,8 +25,8 @@ from dappo_batch.bench.contenders import (
     MujocoBatch,
     MujocoRollout,
     RawStep,
-    Unavailable,
 )
+from dappo_batch.bench.entry import enter
 from dappo_batch.bench.learner import learner_share
 from dappo_batch.bench.machine import cores, describe
 from dappo_batch.bench.measure import measure_rounds, peak_memory_mb
@@ -130,16 +131,7 @@ def run(
 
 
 def _enter(workload: Workload, progress: Callable[[str], None]) -> tuple[list[Contender], list[Missing]]:
-    """Make every contender that can run here, and say why the others cannot."""
-    contenders: list[Contender] = []
-    missing: list[Missing] = []
-    for kind in CONTENDERS:
-        progress(f"making {kind.key}")
-        try:
-            contenders.append(kind(workload))
-        except Unavailable as reason:
-            missing.append(Missing(kind.key, str(reason), reason.install))
-    return contenders, missing
+    return enter({kind.key: partial(kind, workload) for kind in CONTENDERS}, progress)
 
 
 def main(argv: Sequence[str]) -> int:

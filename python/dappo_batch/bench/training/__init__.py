@@ -9,10 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from dappo_batch._core import ConfigError
 from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.entry import enter
 from dappo_batch.bench.machine import cores, describe, limited_to
 from dappo_batch.bench.measure import Spread
 from dappo_batch.bench.report import Missing
@@ -85,7 +87,7 @@ def run(
         raise ConfigError(f"seconds must be above 0, got {seconds}")
     described = describe()
     with limited_to(task.threads):
-        trainers, missing = _enter(task, progress)
+        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
         try:
             machine = Machine(task)
             try:
@@ -112,19 +114,6 @@ def _settings(task: Task) -> dict[str, Any]:
     settings = asdict(task) | {"minibatch": task.minibatch}
     del settings["minibatch_rows"]
     return settings
-
-
-def _enter(task: Task, progress: Callable[[str], None]) -> tuple[list[Trainer], list[Missing]]:
-    """Make and warm up every trainer that can run here, and say why the others cannot."""
-    trainers: list[Trainer] = []
-    missing: list[Missing] = []
-    for kind in TRAINERS:
-        progress(f"making {kind.key}")
-        try:
-            trainers.append(kind(task))
-        except Unavailable as reason:
-            missing.append(Missing(kind.key, str(reason), reason.install))
-    return trainers, missing
 
 
 def _measure(

@@ -29,7 +29,7 @@ pub struct PpoLosses {
     pub entropy: f64,
     /// Share of the variance of the returns that the values of the rollout explained.
     pub explained_variance: f64,
-    /// Share of the batch whose probability ratio ended outside 1 ± ε.
+    /// Share of the rows that the KL divergence was measured on whose probability ratio ended outside 1 ± ε.
     pub clip_fraction: f64,
     /// Passes made for the policy.
     pub epochs_run: usize,
