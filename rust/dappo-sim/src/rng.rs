@@ -51,6 +51,14 @@ pub enum Purpose {
     ValueShuffle = 8,
     /// Resamples of damage classes and seeds in comparisons.
     Bootstrap = 9,
+    /// When the damage strikes a robot to be diagnosed, and when the diagnosis begins.
+    Timing = 10,
+    /// Which rollouts a diagnoser is trained on, and which it is validated on.
+    Split = 11,
+    /// Order of a diagnoser's samples in an epoch.
+    DiagnoserShuffle = 12,
+    /// Units that a training step of a diagnoser leaves out.
+    Dropout = 13,
 }
 
 /// A stream of random numbers: `key` names the run or env, `episode` the episode (or iteration).
