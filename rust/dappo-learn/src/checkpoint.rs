@@ -126,6 +126,12 @@ impl Checkpoint {
         Ok(Self { folder: folder.to_owned(), progress: manifest.progress })
     }
 
+    /// CRC-32 of the manifest, which lists the CRC-32 of every file: equal for equal checkpoints.
+    pub fn fingerprint(&self) -> Result<String> {
+        let path = self.folder.join(MANIFEST);
+        fs::read(&path).map(|bytes| format!("{:08x}", crc32fast::hash(&bytes))).map_err(io(&path))
+    }
+
     /// Reads the learner, which must have seen observations and taken actions of the same lengths as those of `env`.
     pub fn learner(&self, config: &PpoConfig, env: &VectorEnv) -> Result<Ppo> {
         let ppo = Ppo::load(&self.folder, config, &cpu())?;

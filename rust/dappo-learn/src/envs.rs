@@ -2,12 +2,12 @@
 
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
-use dappo_sim::{DamageSpace, Precision, Robot, SimError};
+use dappo_sim::{Backend, DamageSpace, Precision, Robot, SimError};
 
 use crate::config::Config;
 use crate::error::Result;
 
-/// Makes vector envs of one robot and one set of damage classes.
+/// Makes the envs of one robot and one set of damage classes.
 pub trait EnvFactory {
     /// The robot.
     fn robot(&self) -> &Robot;
@@ -15,14 +15,23 @@ pub trait EnvFactory {
     /// Its damage classes.
     fn space(&self) -> &DamageSpace;
 
-    /// A vector env with one env for each key of `config`, the reward of this name, and physics of this precision
-    /// where the backend has a choice.
+    /// The physics of `num_envs` envs with the reward of this name, of this precision where there is a choice.
+    fn backend(
+        &self,
+        num_envs: usize,
+        reward: Option<&str>,
+        precision: Precision,
+    ) -> std::result::Result<Box<dyn Backend>, SimError>;
+
+    /// A vector env with one env for each key of `config`, over a [backend](Self::backend).
     fn make(
         &self,
         config: VectorEnvConfig,
         reward: Option<&str>,
         precision: Precision,
-    ) -> std::result::Result<VectorEnv, SimError>;
+    ) -> std::result::Result<VectorEnv, SimError> {
+        VectorEnv::new(self.backend(config.keys.len(), reward, precision)?, self.space(), config)
+    }
 
     /// The training envs of a configuration.
     fn env_config(&self, config: &Config) -> Result<VectorEnvConfig> {

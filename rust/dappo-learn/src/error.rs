@@ -68,6 +68,14 @@ pub enum LearnError {
         /// What the reader or the writer said.
         message: String,
     },
+    /// A folder of pairs cannot be read or written.
+    #[error("dataset {}: {message}", path.display())]
+    Dataset {
+        /// The file.
+        path: PathBuf,
+        /// What was found and what to do.
+        message: String,
+    },
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {

@@ -11,7 +11,7 @@ use counter::{CODE, Counter, ROBOT, ROW};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate};
-use dappo_sim::{DamageSpace, Precision, Robot, SimError, VectorEnv, VectorEnvConfig};
+use dappo_sim::{Backend, DamageSpace, Precision, Robot, SimError};
 
 const CLASSES: usize = 33;
 const EPISODES: usize = 4;
@@ -39,9 +39,8 @@ impl EnvFactory for Factory {
         &self.space
     }
 
-    fn make(&self, config: VectorEnvConfig, _: Option<&str>, _: Precision) -> Result<VectorEnv, SimError> {
-        let backend = Counter::new(config.keys.len(), self.space.classes().len());
-        VectorEnv::new(Box::new(backend), &self.space, config)
+    fn backend(&self, envs: usize, _: Option<&str>, _: Precision) -> Result<Box<dyn Backend>, SimError> {
+        Ok(Box::new(Counter::new(envs, self.space.classes().len())))
     }
 }
 

@@ -29,7 +29,7 @@ pub enum Kind {
     Shape,
     /// The simulation cannot go on.
     Simulation,
-    /// A run folder or checkpoint cannot be read or written.
+    /// A run folder, checkpoint or dataset cannot be read or written.
     Checkpoint,
 }
 
@@ -125,9 +125,10 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         LearnError::Config { .. } | LearnError::Invalid(_) => Kind::Config,
         LearnError::Length { .. } => Kind::Shape,
         LearnError::NonFinite { .. } | LearnError::Tensor { .. } => Kind::Simulation,
-        LearnError::Mismatch { .. } | LearnError::Checkpoint { .. } | LearnError::Io { .. } => {
-            Kind::Checkpoint
-        }
+        LearnError::Mismatch { .. }
+        | LearnError::Checkpoint { .. }
+        | LearnError::Dataset { .. }
+        | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
 }

@@ -4,8 +4,7 @@ use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;
-use dappo_sim::vector_env::{VectorEnv, VectorEnvConfig};
-use dappo_sim::{BackendKind, DamageSpace, Precision, Robot, SimError};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Precision, Robot, SimError};
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -96,15 +95,14 @@ impl EnvFactory for TableFactory {
         &self.space
     }
 
-    fn make(
+    fn backend(
         &self,
-        config: VectorEnvConfig,
+        num_envs: usize,
         reward: Option<&str>,
         precision: Precision,
-    ) -> Result<VectorEnv, SimError> {
-        let options =
-            BackendOptions { reward, num_envs: config.keys.len(), threads: self.threads, precision };
-        let backend = Python::attach(|py| {
+    ) -> Result<Box<dyn Backend>, SimError> {
+        let options = BackendOptions { reward, num_envs, threads: self.threads, precision };
+        Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
                 .and_then(|table| table.backend(&self.choice, options))
                 .map_err(|error| {
@@ -115,7 +113,6 @@ impl EnvFactory for TableFactory {
                         SimError::Config(error.value(py).to_string())
                     }
                 })
-        })?;
-        VectorEnv::new(backend, &self.space, config)
+        })
     }
 }

@@ -3,7 +3,9 @@
 mod args;
 mod classes;
 mod console;
+mod diagnose;
 mod evaluate;
+mod policy;
 mod progress;
 mod settings;
 mod signals;
@@ -36,6 +38,7 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
     let outcome = match &cli.command {
         Command::Train(arguments) => train::run(py, arguments, &argv),
         Command::Evaluate(arguments) => evaluate::run(py, arguments),
+        Command::Diagnose(arguments) => diagnose::run(py, arguments),
         Command::Classes(arguments) => classes::run(py, arguments),
         Command::Config(arguments) => settings::print(py, arguments),
         Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),

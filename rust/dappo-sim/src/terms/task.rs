@@ -63,6 +63,33 @@ impl Task {
         }
     }
 
+    /// Reads positions and velocities back from an observation; what it leaves out (x and y of the root) becomes 0.
+    /// False, with nothing written, if the observation shows no more than a part of them.
+    ///
+    /// # Shapes
+    /// - `obs`: `[obs_dim]`, `qpos`: `[nq]`, `qvel`: `[nv]`
+    pub fn read_state(&self, obs: &[f32], qpos: &mut [f64], qvel: &mut [f64]) -> bool {
+        let mut start = 0;
+        let (mut positions, mut velocities) = (None, None);
+        for term in &self.observation {
+            let block = start..start + term.len(&self.layout);
+            start = block.end;
+            match term {
+                // The floor is level: a robot moves at (0, 0) as it does anywhere else.
+                ObservationTerm::Qpos { skip: 0..=2 } => positions = Some(&obs[block]),
+                ObservationTerm::Qvel => velocities = Some(&obs[block]),
+                _ => {}
+            }
+        }
+        let (Some(positions), Some(velocities)) = (positions, velocities) else { return false };
+        let (unseen, seen) = qpos.split_at_mut(self.layout.nq - positions.len());
+        unseen.fill(0.0);
+        for (state, shown) in [(seen, positions), (qvel, velocities)] {
+            state.iter_mut().zip(shown).for_each(|(state, shown)| *state = f64::from(*shown));
+        }
+        true
+    }
+
     /// Whether the episode has failed: the root is too low or too high.
     #[must_use]
     pub fn terminated(&self, signals: &Signals) -> bool {

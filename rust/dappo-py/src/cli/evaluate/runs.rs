@@ -2,17 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Ppo};
-use dappo_sim::VectorEnvConfig;
 use dappo_sim::{BackendKind, Precision};
 use pyo3::prelude::*;
 
 use crate::cli::args::EvaluateArgs;
+use crate::cli::policy::{self, LoadedPolicy};
 use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::TableFactory;
 
@@ -80,8 +79,8 @@ impl LoadedRun {
         if let Some(reference) = reference {
             check_conditions(reference, folder.root(), &conditions)?;
         }
-        let ppo = py.detach(|| load_policy(&folder, &config, encoding, &factory));
-        let (ppo, env_steps) = ppo.map_err(|error| from_learn(&error))?;
+        let policy = py.detach(|| load_policy(&folder, &config, encoding, &factory));
+        let LoadedPolicy { ppo, env_steps, .. } = policy.map_err(|error| from_learn(&error))?;
         Ok(Self { folder, config, factory, ppo, env_steps, conditions })
     }
 
@@ -121,20 +120,17 @@ fn apply(arguments: &EvaluateArgs, config: &mut Config) -> PyResult<()> {
     Ok(())
 }
 
-/// The newest policy of a run, and the env steps that it was trained for.
+/// The newest policy of a run, if it can be told what `encoding` says.
 fn load_policy(
     run: &RunFolder,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
-) -> dappo_learn::Result<(Ppo, u64)> {
-    let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
-    // One env is enough to learn the lengths of observations and actions.
-    let one = VectorEnvConfig { keys: vec![0], ..factory.env_config(config)? };
-    let probe = factory.make(one, config.env.reward.as_deref(), config.evaluation.precision)?;
+) -> dappo_learn::Result<LoadedPolicy> {
+    let policy = policy::load(run, config, factory)?;
     let named = |error| LearnError::Invalid(format!("{}: {error}", run.root().display()));
-    encoding.check(probe.code_length(), factory.space()).map_err(named)?;
-    Ok((checkpoint.learner(&config.ppo, &probe)?, checkpoint.progress.env_steps))
+    encoding.check(policy.ppo.normalizer().code_length(), factory.space()).map_err(named)?;
+    Ok(policy)
 }
 
 /// The settings that decide what an episode of each damage class is.

@@ -1,9 +1,13 @@
 //! The arguments of every command.
 
+mod diagnose;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
+
+pub use diagnose::{CollectArgs, DiagnoseArgs, DiagnoseCommand};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -21,6 +25,8 @@ pub enum Command {
     Train(Box<TrainArgs>),
     /// Run trained policies on every damage class, and compare learners
     Evaluate(EvaluateArgs),
+    /// Learn to tell the damage of a robot from a short walk
+    Diagnose(DiagnoseArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

@@ -1,0 +1,142 @@
+//! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once.
+
+mod fleet;
+mod pairs;
+
+use std::path::Path;
+
+use dappo_sim::rng::env_keys;
+use dappo_sim::{Backend, Precision};
+
+use super::dataset::{Header, Part, PolicyId, Shard};
+use super::{Expert, Preset};
+use crate::envs::EnvFactory;
+use crate::error::{LearnError, Result};
+use pairs::Pairs;
+
+/// Robots simulated at once, about.
+const ENVS: usize = 1024;
+
+/// What to collect.
+#[derive(Debug, Clone)]
+pub struct CollectConfig {
+    /// Number of rollouts over all shards.
+    pub rollouts: usize,
+    /// Steps in a window.
+    pub timesteps: usize,
+    /// Seed of the rollouts.
+    pub seed: u64,
+    /// When the damage strikes, and how the twin is led.
+    pub preset: Preset,
+    /// The piece to collect.
+    pub shard: Shard,
+    /// Severity of the damage, as the class table has it.
+    pub severity: f64,
+    /// Precision of the physics, where the backend has a choice.
+    pub precision: Precision,
+}
+
+/// A policy and where it comes from.
+pub struct Pilot {
+    /// The policy.
+    pub policy: Expert,
+    /// Which one it is.
+    pub id: PolicyId,
+}
+
+/// Whoever watches a collection.
+pub trait CollectObserver {
+    /// Called once before the first block, with the room that the missing rollouts will take on the disk; an error
+    /// ends the collection.
+    fn begin(&mut self, missing: usize, bytes: u64) -> Result<()>;
+
+    /// Called after every block of rollouts: how many are done, those of earlier commands included.
+    fn collected(&mut self, done: usize, total: usize);
+
+    /// Whether to stop after the current block.
+    fn should_stop(&self) -> bool;
+}
+
+/// How a collection ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Collected {
+    /// Rollouts of this shard in the folder.
+    pub rollouts: usize,
+    /// Robots whose physics diverged in this command; each went on from its reference pose.
+    pub diverged: u64,
+    /// Whether the observer stopped it before the end.
+    pub interrupted: bool,
+}
+
+/// The header of the dataset that a collection makes.
+fn header(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    expert: &Pilot,
+    walker: Option<&Pilot>,
+    backend: &dyn Backend,
+) -> Header {
+    let (space, task) = (factory.space(), backend.task());
+    Header {
+        format: Header::format(),
+        robot: factory.robot().name.clone(),
+        classes: space.classes().iter().map(|class| class.name.clone()).collect(),
+        codes: space.codes().chunks(space.code_length().max(1)).map(<[f32]>::to_vec).collect(),
+        severity: config.severity,
+        seed: config.seed,
+        timesteps: config.timesteps,
+        obs_dim: task.obs_dim(),
+        action_dim: task.layout().nu,
+        timing: config.preset.timing,
+        twin: config.preset.twin,
+        expert: expert.id.clone(),
+        walker: walker.unwrap_or(expert).id.clone(),
+        backend: backend.name().into(),
+        precision: backend.precision().into(),
+    }
+}
+
+/// Collects the rollouts of a shard that `folder` does not hold yet. `walker` is the policy before the window; the
+/// expert for `None`.
+///
+/// Rollout r starts from a state drawn from (seed, r) alone, so the records depend neither on the shards nor on the
+/// number of threads.
+pub fn collect(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    expert: &Pilot,
+    walker: Option<&Pilot>,
+    folder: &Path,
+    observer: &mut dyn CollectObserver,
+) -> Result<Collected> {
+    config.check()?;
+    let range = config.shard.range(config.rollouts);
+    let keys = &env_keys(config.seed, range.end)[range.clone()];
+    let block = (ENVS / factory.space().classes().len()).clamp(1, keys.len().max(1));
+    let mut pairs = Pairs::new(config, factory, expert, walker, block)?;
+    let header = header(config, factory, expert, walker, pairs.backend());
+    header.write_or_match(folder)?;
+    let mut part = Part::open(folder, &header, range.start)?;
+    let missing = keys.len().saturating_sub(part.count());
+    observer.begin(missing, missing as u64 * header.record_bytes())?;
+    let mut interrupted = false;
+    while part.count() < keys.len() && !interrupted {
+        let next = &keys[part.count()..(part.count() + block).min(keys.len())];
+        part.append(&pairs.simulate(next)?)?;
+        observer.collected(part.count(), keys.len());
+        interrupted = observer.should_stop() && part.count() < keys.len();
+    }
+    Ok(Collected { rollouts: part.count(), diverged: pairs.diverged(), interrupted })
+}
+
+impl CollectConfig {
+    fn check(&self) -> Result<()> {
+        self.preset.timing.check()?;
+        for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
+            if value == 0 {
+                return Err(LearnError::Config { key, got: "0".into(), expected: "at least 1" });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,143 @@
+//! `dataset.json`: what the records of a folder are.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::npy::Field;
+use crate::diagnose::{Preset, Timing, Twin};
+use crate::error::{LearnError, Result};
+use crate::files::{io, write_atomically};
+
+const FORMAT: &str = "dappo-batch pairs 1";
+const FILE: &str = "dataset.json";
+
+/// Which policy it was.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyId {
+    /// Its run folder.
+    pub run: String,
+    /// CRC-32 of its checkpoint's manifest, which lists the CRC-32 of every file.
+    pub fingerprint: String,
+    /// Env steps that it was trained for.
+    pub env_steps: u64,
+}
+
+/// Everything that determines the records, except for how many there are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Header {
+    /// Name and version of the format.
+    pub format: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// Names of the damage classes, in order.
+    pub classes: Vec<String>,
+    /// Damage codes of the classes, `[C][code_length]`.
+    pub codes: Vec<Vec<f32>>,
+    /// Severity of the damage.
+    pub severity: f64,
+    /// Seed of the rollouts.
+    pub seed: u64,
+    /// Steps in a window, T.
+    pub timesteps: usize,
+    /// Length of an observation, O.
+    pub obs_dim: usize,
+    /// Length of an action, A.
+    pub action_dim: usize,
+    /// When the damage strikes, and when the window begins.
+    pub timing: Timing,
+    /// How the twin is led.
+    pub twin: Twin,
+    /// The policy of both robots in the window.
+    pub expert: PolicyId,
+    /// The policy of the robot before the window.
+    pub walker: PolicyId,
+    /// Backend of the physics.
+    pub backend: String,
+    /// Its floating-point format.
+    pub precision: String,
+}
+
+impl Header {
+    /// The name and version that this program writes.
+    #[must_use]
+    pub fn format() -> String {
+        FORMAT.into()
+    }
+
+    /// When the damage strikes and how the twin is led.
+    #[must_use]
+    pub fn preset(&self) -> Preset {
+        Preset { timing: self.timing, twin: self.twin }
+    }
+
+    /// Reads the header of a folder.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let bad = |message: String| LearnError::Dataset { path: path.clone(), message };
+        let text = fs::read_to_string(&path).map_err(|error| {
+            bad(format!("it cannot be read ({error}); `dappo-batch diagnose collect` makes such a folder"))
+        })?;
+        let header: Self = serde_json::from_str(&text)
+            .map_err(|error| bad(format!("it is truncated or foreign ({error})")))?;
+        if header.format != FORMAT {
+            return Err(bad(format!("its format is `{}`, expected `{FORMAT}`", header.format)));
+        }
+        Ok(header)
+    }
+
+    /// Writes the header into a folder that has none; fails if the folder holds records of another kind.
+    pub fn write_or_match(&self, folder: &Path) -> Result<()> {
+        let path = folder.join(FILE);
+        if !path.exists() {
+            fs::create_dir_all(folder).map_err(io(folder))?;
+            return write_atomically(&path, self.to_json()?.as_bytes());
+        }
+        let there = Self::read(folder)?;
+        let (one, other) = (self.entries()?, there.entries()?);
+        match one.iter().find(|(key, value)| other.get(*key) != Some(value)) {
+            None => Ok(()),
+            Some((key, wanted)) => Err(LearnError::Dataset {
+                path,
+                message: format!(
+                    "the folder holds records with `{key}` = {}, this command asks for {wanted}; choose another folder",
+                    other.get(key).unwrap_or(&serde_json::Value::Null),
+                ),
+            }),
+        }
+    }
+
+    fn to_json(&self) -> Result<String> {
+        serde_json::to_string_pretty(self).map_err(|error| LearnError::Invalid(error.to_string()))
+    }
+
+    fn entries(&self) -> Result<serde_json::Map<String, serde_json::Value>> {
+        match serde_json::to_value(self) {
+            Ok(serde_json::Value::Object(entries)) => Ok(entries),
+            other => Err(LearnError::Invalid(format!("cannot write the header: {other:?}"))),
+        }
+    }
+
+    /// The fields of a record, in order.
+    pub(super) fn fields(&self) -> Vec<Field> {
+        let (classes, steps) = (self.classes.len(), self.timesteps);
+        let mut fields = vec![
+            Field::f32("damaged", &[classes, steps, self.obs_dim]),
+            Field::f32("actions", &[classes, steps, self.action_dim]),
+        ];
+        if self.preset().needs_twins() {
+            fields.push(Field::f32("twin", &[classes, steps, self.obs_dim]));
+        }
+        fields.extend([Field::u32("onset", &[]), Field::u32("delay", &[]), Field::u32("fallen", &[classes])]);
+        fields
+    }
+
+    /// Bytes of a record.
+    #[must_use]
+    pub fn record_bytes(&self) -> u64 {
+        self.fields().iter().map(|field| field.bytes() as u64).sum()
+    }
+}

@@ -1,0 +1,192 @@
+//! `dappo-batch diagnose collect`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use dappo_learn::config::Config;
+use dappo_learn::diagnose::collect::{CollectConfig, CollectObserver, Pilot, collect};
+use dappo_learn::diagnose::dataset::{PolicyId, Shard};
+use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::run_folder::RunFolder;
+use dappo_learn::{LearnError, Result};
+use dappo_sim::{BackendKind, Precision};
+use indicatif::{ProgressBar, ProgressStyle};
+use pyo3::prelude::*;
+use serde_json::json;
+
+use crate::cli::args::CollectArgs;
+use crate::cli::policy::{self, LoadedPolicy};
+use crate::cli::{INTERRUPTED, console, signals};
+use crate::errors::from_learn;
+use crate::factory::TableFactory;
+
+pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
+    let (folder, mut config) = RunFolder::open(&arguments.expert).map_err(|error| from_learn(&error))?;
+    apply(arguments, &mut config).map_err(|error| from_learn(&error))?;
+    let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
+    let factory = TableFactory::compile(py, &config)?;
+    let pilots = py.detach(|| -> Result<_> {
+        let expert = pilot(&folder, &config, &factory)?;
+        let walker = arguments.walker.as_deref().map(|run| open_walker(run, &factory)).transpose()?;
+        Ok((expert, walker))
+    });
+    let (expert, walker) = pilots.map_err(|error| from_learn(&error))?;
+    if !arguments.json {
+        console::note(&describe(arguments, &wanted, &factory));
+    }
+    let mut display = Display::new(arguments, &wanted, &factory, signals::watch()?);
+    let start = Instant::now();
+    let collected = py
+        .detach(|| collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display))
+        .inspect_err(|_| display.bar.finish_and_clear())
+        .map_err(|error| from_learn(&error))?;
+    display.bar.finish_and_clear();
+    let seconds = start.elapsed().as_secs_f64();
+    let (out, rollouts) = (arguments.out.display(), collected.rollouts);
+    if arguments.json {
+        let report = json!({
+            "data": arguments.out, "rollouts": rollouts, "classes": factory.space().classes().len(),
+            "seconds": seconds, "diverged": collected.diverged, "interrupted": collected.interrupted,
+        });
+        console::print_line(&report.to_string());
+    } else {
+        if collected.diverged > 0 {
+            console::note(&format!(
+                "divergences of the physics: {}; each robot went on from its reference pose",
+                collected.diverged
+            ));
+        }
+        if collected.interrupted {
+            console::note(&format!(
+                "interrupted after {rollouts} rollouts; the same command goes on with them"
+            ));
+        } else {
+            console::print_line(&format!("dataset: {out} with {rollouts} rollouts, {seconds:.1} s"));
+        }
+    }
+    Ok(if collected.interrupted { INTERRUPTED } else { 0 })
+}
+
+/// Lays the flags over the configuration of the run.
+fn apply(arguments: &CollectArgs, config: &mut Config) -> Result<()> {
+    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+    if let Some(backend) = &arguments.backend {
+        config.env.backend = BackendKind::parse(backend)?;
+    }
+    if let Some(precision) = &arguments.precision {
+        config.evaluation.precision = Precision::parse(precision)?;
+    }
+    Ok(())
+}
+
+fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
+    let mut preset = Preset::named(&arguments.preset)?;
+    let span = |(first, last)| Span { first, last };
+    preset.timing.onset = arguments.onset.map_or(preset.timing.onset, span);
+    preset.timing.delay = arguments.delay.map_or(preset.timing.delay, span);
+    preset.timing.check()?;
+    if let Some(action) = &arguments.twin_action {
+        preset.twin.action = if action == "shared" { TwinAction::Shared } else { TwinAction::Own };
+    }
+    preset.twin.resync = arguments.resync.unwrap_or(preset.twin.resync);
+    Ok(CollectConfig {
+        rollouts: arguments.rollouts as usize,
+        timesteps: arguments.timesteps as usize,
+        seed: arguments.seed as u64,
+        preset,
+        shard: Shard::parse(&arguments.shard)?,
+        severity: config.damage.severity,
+        precision: config.evaluation.precision,
+    })
+}
+
+fn open_walker(run: &Path, factory: &TableFactory) -> Result<Pilot> {
+    let (folder, config) = RunFolder::open(run)?;
+    pilot(&folder, &config, factory)
+}
+
+fn pilot(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<Pilot> {
+    let LoadedPolicy { ppo, env_steps, fingerprint } = policy::load(folder, config, factory)?;
+    let run = folder.root().display().to_string();
+    Ok(Pilot { policy: Expert::new(ppo), id: PolicyId { run, fingerprint, env_steps } })
+}
+
+fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFactory) -> String {
+    format!(
+        "{} · {} rollouts × {} classes × {} steps · preset {} · {} → {}",
+        factory.robot().name,
+        wanted.shard.range(wanted.rollouts).len(),
+        factory.space().classes().len(),
+        wanted.timesteps,
+        wanted.preset.name(),
+        factory.describe(wanted.precision),
+        arguments.out.display()
+    )
+}
+
+/// Shows progress, looks at the room on the disk and passes Ctrl-C on.
+struct Display {
+    bar: ProgressBar,
+    out: PathBuf,
+    interrupted: Arc<AtomicBool>,
+    /// Recorded steps a rollout.
+    steps: usize,
+    begun: Option<(usize, Instant)>,
+}
+
+impl Display {
+    fn new(
+        arguments: &CollectArgs,
+        wanted: &CollectConfig,
+        factory: &TableFactory,
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
+        let bar = if arguments.json { ProgressBar::hidden() } else { ProgressBar::new(0) };
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
+            bar.set_style(style);
+        }
+        let steps = factory.space().classes().len() * wanted.timesteps;
+        Self { bar, out: arguments.out.clone(), interrupted, steps, begun: None }
+    }
+}
+
+impl CollectObserver for Display {
+    fn begin(&mut self, missing: usize, bytes: u64) -> Result<()> {
+        self.begun = Some((missing, Instant::now()));
+        let Some(free) = free_space(&self.out).filter(|&free| free < bytes) else { return Ok(()) };
+        let gigabytes = |bytes: u64| bytes as f64 / 1e9;
+        Err(LearnError::Dataset {
+            path: self.out.clone(),
+            message: format!(
+                "{missing} rollouts take {:.1} GB, but only {:.1} GB are free; make room, choose another disk, or collect fewer",
+                gigabytes(bytes),
+                gigabytes(free)
+            ),
+        })
+    }
+
+    fn collected(&mut self, done: usize, total: usize) {
+        self.bar.set_length(total as u64);
+        self.bar.set_position(done as u64);
+        if let Some((missing, start)) = self.begun {
+            let steps = (done + missing).saturating_sub(total) * self.steps;
+            let rate = steps as f64 / start.elapsed().as_secs_f64() / 1000.0;
+            self.bar.set_message(format!("rollout {done}/{total} · {rate:.0} k recorded steps/s"));
+        }
+    }
+
+    fn should_stop(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+}
+
+/// Free bytes on the disk of a folder, if Python can tell.
+fn free_space(folder: &Path) -> Option<u64> {
+    Python::attach(|py| {
+        let usage = py.import("shutil").ok()?.call_method1("disk_usage", (folder,)).ok()?;
+        usage.getattr("free").ok()?.extract().ok()
+    })
+}

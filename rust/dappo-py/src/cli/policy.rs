@@ -1,0 +1,32 @@
+//! Loading the newest policy of a run.
+
+use dappo_learn::Ppo;
+use dappo_learn::checkpoint::Checkpoint;
+use dappo_learn::config::Config;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::run_folder::RunFolder;
+use dappo_sim::VectorEnvConfig;
+
+use crate::factory::TableFactory;
+
+/// A policy and the checkpoint that it comes from.
+pub struct LoadedPolicy {
+    pub ppo: Ppo,
+    /// Env steps that it was trained for.
+    pub env_steps: u64,
+    /// CRC-32 of the checkpoint.
+    pub fingerprint: String,
+}
+
+/// The policy in the newest checkpoint of a run.
+pub fn load(run: &RunFolder, config: &Config, factory: &TableFactory) -> dappo_learn::Result<LoadedPolicy> {
+    let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
+    // One env is enough to learn the lengths of observations and actions.
+    let one = VectorEnvConfig { keys: vec![0], ..factory.env_config(config)? };
+    let probe = factory.make(one, config.env.reward.as_deref(), config.evaluation.precision)?;
+    Ok(LoadedPolicy {
+        ppo: checkpoint.learner(&config.ppo, &probe)?,
+        env_steps: checkpoint.progress.env_steps,
+        fingerprint: checkpoint.fingerprint()?,
+    })
+}
