@@ -55,7 +55,7 @@ pub struct CollectArgs {
     #[arg(long, value_parser = ["own", "shared"])]
     pub twin_action: Option<String>,
     /// Steps after which the twin is put beside the robot again, 0 for never, instead of the preset's
-    #[arg(long, value_name = "STEPS")]
+    #[arg(long, value_name = "STEPS", allow_negative_numbers = true)]
     pub resync: Option<u32>,
     /// Seed of the rollouts
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
