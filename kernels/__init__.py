@@ -1,0 +1,4 @@
+"""Warp kernels around the physics of mujoco_warp: damage, reset, observation, reward and the policy.
+
+The package needs the extra ``gpu``. It knows robots as tables of numbers and never imports ``dappo_batch``.
+"""
