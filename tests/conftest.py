@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+
 import pytest
 
 import dappo_batch
 from dappo_batch import ClassTable
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _warp_on_the_cpu() -> Iterator[None]:
+    """Let Warp, where a test has imported it, use the CPU, which runs what a GPU would, and keep quiet."""
+    if "warp" not in sys.modules:
+        yield
+        return
+    wp = sys.modules["warp"]
+    wp.config.log_level = wp.LOG_WARNING
+    with wp.ScopedDevice("cpu"):
+        yield
 
 
 @pytest.fixture(scope="session")
