@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -39,6 +40,14 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.iterations = 100
     model.opt.ls_iterations = 100
     return model
+
+
+def with_cone(table: ClassTable, cone: mujoco.mjtCone) -> ClassTable:
+    """Return the same robots with this friction cone, and a solver that goes on until nothing changes."""
+    models = tuple(converged(model) for model in table.models)
+    for model in models:
+        model.opt.cone = cone
+    return dataclasses.replace(table, models=models)
 
 
 def evaluate(model: mujoco.MjModel, states: States) -> Reference:

@@ -21,7 +21,7 @@ from dappo_batch import ClassTable
 from dappo_batch.kernels.task import Task
 from dappo_batch.kernels.worlds import Worlds
 
-from .states import converged
+from .states import with_cone
 
 Array = NDArray[np.float64]
 
@@ -35,14 +35,6 @@ class Trajectories(NamedTuple):
     qpos: Array
     qvel: Array
     touched: NDArray[np.bool_]
-
-
-def with_cone(table: ClassTable, cone: mujoco.mjtCone) -> ClassTable:
-    """Return the same robots with this friction cone, and a solver that goes on until nothing changes."""
-    models = tuple(converged(model) for model in table.models)
-    for model in models:
-        model.opt.cone = cone
-    return dataclasses.replace(table, models=models)
 
 
 def start(table: ClassTable, count: int, height: float) -> tuple[Array, Array]:

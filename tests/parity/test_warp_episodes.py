@@ -1,0 +1,67 @@
+"""Whole episodes of the kernels against the `mujoco` backend: damage draws, onset, time limit, autoreset."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+wp = pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
+
+import mujoco
+
+import dappo_batch
+from dappo_batch import ClassTable
+from dappo_batch.kernels.task import Task
+from dappo_batch.kernels.worlds import Worlds
+
+from .states import with_cone
+
+COUNT, STEPS, LIMIT, SEED = 12, 8, 3, 21
+
+
+def test_episodes_run_as_with_the_mujoco_backend(table: ClassTable) -> None:
+    """Elliptic cones, as the physics would part at the first contact otherwise."""
+    table = with_cone(table, mujoco.mjtCone.mjCONE_ELLIPTIC)
+    onset = (0, LIMIT - 1)
+    envs = dappo_batch.make_vec(
+        table,
+        COUNT,
+        backend="mujoco",
+        seed=SEED,
+        autoreset="same_step",
+        onset=onset,
+        max_episode_steps=LIMIT,
+    )
+    worlds = Worlds(Task.of(table), np.arange(SEED, SEED + COUNT, dtype=np.uint64), max_episode_steps=LIMIT)
+    worlds.draws.onset_range.assign(np.array(onset, dtype=np.int32))
+    obs, _ = envs.reset()
+    worlds.reset()
+    rng = np.random.default_rng(5)
+    struck = 0
+    for _ in range(STEPS):
+        np.testing.assert_allclose(worlds.obs.numpy(), obs, rtol=1e-3, atol=1e-3)
+        before = worlds.episodes.damage_class.numpy().copy()
+        actions = rng.uniform(-1, 1, (COUNT, worlds.action_dim)).astype(np.float32)
+        obs, rewards, terminated, truncated, infos = envs.step(actions)
+        worlds.step(wp.array(actions))
+        outcome, endings = worlds.outcome, worlds.endings
+        np.testing.assert_array_equal(outcome.terminated.numpy(), terminated)
+        np.testing.assert_array_equal(endings.truncated.numpy(), truncated)
+        np.testing.assert_allclose(outcome.reward.numpy(), rewards, rtol=1e-3, atol=1e-3)
+        np.testing.assert_array_equal(worlds.episodes.damage_class.numpy(), infos["damage_class"])
+        np.testing.assert_array_equal(worlds.episodes.onset.numpy(), infos["damage_onset"])
+        struck += int((endings.damage_class.numpy() != before).sum())
+        if "final_obs" not in infos:
+            continue
+        ended, final = infos["_final_obs"], infos["final_info"]
+        np.testing.assert_array_equal(endings.ended.numpy(), ended)
+        expected = np.stack(infos["final_obs"][ended])
+        np.testing.assert_allclose(endings.final_obs.numpy()[ended], expected, rtol=1e-3, atol=1e-3)
+        np.testing.assert_array_equal(endings.damage_class.numpy()[ended], final["damage_class"][ended])
+        np.testing.assert_array_equal(endings.onset.numpy()[ended], final["damage_onset"][ended])
+        np.testing.assert_allclose(
+            outcome.forward_velocity.numpy()[ended], final["forward_velocity"][ended], rtol=1e-3, atol=1e-3
+        )
+    envs.close()
+    assert struck > 5
+    assert (worlds.episodes.number.numpy() == STEPS // LIMIT).any()
