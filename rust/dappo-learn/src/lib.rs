@@ -13,6 +13,7 @@
 
 pub mod checkpoint;
 pub mod config;
+pub mod diagnose;
 pub mod envs;
 pub mod episodes;
 pub mod error;
