@@ -116,8 +116,9 @@ def test_numpy_maps_the_records_that_the_header_describes(collected: Collected, 
     classes = package.DamageSpace(4, ["jammed_joint", "missing_toe"], 1).classes
     for way, folder in collected.items():
         header = json.loads((folder / "dataset.json").read_text())
-        assert header["robot"] == "ant"
-        assert header["classes"] == [entry.name for entry in classes]
+        assert header["subject"]["robot"] == "ant"
+        assert header["subject"]["class_names"] == [entry.name for entry in classes]
+        assert header["subject"]["codes"] == [entry.code for entry in classes]
         assert header["seed"] == 3
         assert header["expert"]["run"] == str(expert)
         assert header["expert"] == header["walker"]

@@ -24,6 +24,7 @@ pub mod metrics;
 pub mod nn;
 pub mod normalizer;
 pub mod ppo;
+mod records;
 pub mod rollout;
 pub mod run_folder;
 pub mod train;

@@ -108,6 +108,13 @@ impl Stream {
         ((u128::from(self.next_u64()) * u128::from(bound)) >> 64) as u64
     }
 
+    /// Puts `items` into random order (Fisher and Yates).
+    pub fn shuffle<T>(&mut self, items: &mut [T]) {
+        for last in (1..items.len()).rev() {
+            items.swap(last, self.below(last as u64 + 1) as usize);
+        }
+    }
+
     /// Standard normal by Box and Muller (1958).
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare_normal.take() {
@@ -170,6 +177,20 @@ mod tests {
         let chi_square: f64 = counts.iter().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
         // 99.9 % quantile of χ² with 32 degrees of freedom (scipy.stats.chi2.ppf(.999, 32)).
         assert!(chi_square < 62.487, "χ² = {chi_square}");
+    }
+
+    #[test]
+    fn all_orders_of_a_shuffle_are_equally_frequent() {
+        let mut stream = Stream::new(4, 0, Purpose::Split);
+        let mut counts = std::collections::BTreeMap::new();
+        for _ in 0..6000 {
+            let mut items = [0, 1, 2];
+            stream.shuffle(&mut items);
+            *counts.entry(items).or_insert(0_u32) += 1;
+        }
+        let chi_square: f64 = counts.values().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
+        // 99.9 % quantile of χ² with 5 degrees of freedom (scipy.stats.chi2.ppf(.999, 5)).
+        assert!(counts.len() == 6 && chi_square < 20.515, "χ² = {chi_square}");
     }
 
     #[test]

@@ -131,7 +131,7 @@ impl PairSource for Dataset {
     }
 
     fn classes(&self) -> usize {
-        self.header.classes.len()
+        self.header.subject.classes()
     }
 
     fn timesteps(&self) -> usize {
@@ -147,7 +147,7 @@ impl PairSource for Dataset {
     }
 
     fn read(&self, rollout: usize, class: usize, timesteps: usize, window: &mut Window) -> Result<()> {
-        let (classes, most) = (self.header.classes.len(), self.header.timesteps);
+        let (classes, most) = (self.header.subject.classes(), self.header.timesteps);
         if class >= classes || timesteps > most {
             return Err(LearnError::Invalid(format!(
                 "class {class} with {timesteps} steps does not exist; the dataset holds {classes} classes with {most}"

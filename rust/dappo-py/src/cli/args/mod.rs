@@ -7,7 +7,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
 
-pub use diagnose::{CollectArgs, DiagnoseArgs, DiagnoseCommand};
+pub use diagnose::{
+    CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
+};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]

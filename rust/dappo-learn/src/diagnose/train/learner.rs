@@ -1,0 +1,65 @@
+//! The network while it learns.
+
+use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::{Device, Tensor, TensorData};
+
+use crate::diagnose::{DiagnoserConfig, Head};
+use crate::error::Result;
+use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes, dropout_masks};
+use crate::nn::scalar;
+
+/// Adam's guard against division by zero, as in Kingma and Ba (2015).
+const ADAM_EPSILON: f32 = 1e-8;
+
+/// A network and what trains it.
+pub struct Learner {
+    pub net: DiagnoserNet,
+    pub optimizer: ModuleOptimizer,
+    /// The device without autodiff.
+    device: Device,
+    sizes: DiagnoserSizes,
+    head: Head,
+    dropout: f64,
+    seed: u64,
+}
+
+/// Inputs and targets of one training step.
+pub struct Minibatch {
+    /// `[B, T, F]`, standardised.
+    pub inputs: Vec<f32>,
+    /// `[B, W]`
+    pub targets: Vec<f32>,
+}
+
+pub fn adam() -> ModuleOptimizer {
+    AdamConfig::new().with_epsilon(ADAM_EPSILON).init()
+}
+
+impl Learner {
+    /// A new network; its weights are a function of the configuration's seed.
+    pub fn new(config: &DiagnoserConfig, sizes: DiagnoserSizes, device: &Device) -> Self {
+        Self {
+            net: DiagnoserNet::new(&sizes, config.seed, &device.clone().autodiff()),
+            optimizer: adam(),
+            device: device.clone(),
+            sizes,
+            head: config.head,
+            dropout: config.dropout,
+            seed: config.seed,
+        }
+    }
+
+    /// One gradient step; `number` is that of the step in the whole training. Returns the loss before it.
+    pub fn step(&mut self, batch: Minibatch, number: u64, learning_rate: f64) -> Result<f64> {
+        let DiagnoserSizes { inputs, outputs, hidden, .. } = &self.sizes;
+        let rows = batch.targets.len() / outputs;
+        let steps = batch.inputs.len() / (rows * inputs);
+        let x = Tensor::from_data(TensorData::new(batch.inputs, [rows, steps, *inputs]), &self.device);
+        let targets = Tensor::from_data(TensorData::new(batch.targets, [rows, *outputs]), &self.device);
+        let dropout = dropout_masks(self.dropout, rows, hidden, self.seed, number, &self.device);
+        let loss = self.head.loss(self.net.forward(x, &dropout), targets);
+        let gradients = GradientsParams::from_grads(loss.backward(), &self.net);
+        self.net = self.optimizer.step(learning_rate, self.net.clone(), gradients);
+        scalar(loss.without_autodiff())
+    }
+}
