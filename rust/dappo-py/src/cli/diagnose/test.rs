@@ -51,7 +51,7 @@ pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<i32> {
         show_summary(only);
     } else {
         tested.iter().for_each(show_summary);
-        console::print(&cross_table(&tested, arguments.data.len()));
+        show_cross_table(&tested, arguments.data.len());
     }
     Ok(0)
 }
@@ -181,14 +181,13 @@ fn show_summary(tested: &Tested) {
 }
 
 /// Accuracies in per cent: a row a diagnoser, a column a dataset.
-fn cross_table(tested: &[Tested], datasets: usize) -> String {
-    let mut text = String::from("accuracy %\n");
+fn show_cross_table(tested: &[Tested], datasets: usize) {
+    console::print_line("accuracy %");
     for row in tested.chunks(datasets) {
-        let cells: String =
+        let cells: Vec<String> =
             row.iter().map(|tested| format!("{:>8.2}", 100.0 * tested.summary.accuracy)).collect();
-        text.push_str(&format!("{cells}  {}\n", row[0].model));
+        console::print_line(&format!("{}  {}", cells.concat(), row[0].model));
     }
     let names: Vec<&str> = tested[..datasets].iter().map(|tested| tested.data.as_str()).collect();
-    text.push_str(&format!("columns: {}\n", names.join(", ")));
-    text
+    console::print_line(&format!("columns: {}", names.join(", ")));
 }
