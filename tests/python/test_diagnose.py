@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import signal
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many, files, read_lines, start
+from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many, files, interrupt_when, read_lines
 
 CLASSES = 9
 SMALL = ("--set", "embedding=16", "lstm=8", "hidden=[16]", "minibatch_size=16")
@@ -149,14 +147,8 @@ def test_ctrl_c_and_resume_lead_to_the_same_epochs(folder: Path, tmp_path: Path)
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     settings = (*SMALL, "epochs=30", "patience=30", "dropout=0.2")
     dappo_batch(*common, "--out", whole, *settings)
-    process = start(*common, "--out", halves, *settings)
-    deadline = time.monotonic() + 60
-    while not (halves / "metrics.jsonl").exists() and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
+    begun = (halves / "metrics.jsonl").exists
+    err = interrupt_when(begun, *common, "--out", halves, *settings)
     assert "--resume" in err
     dappo_batch(*common, "--resume", halves)
 

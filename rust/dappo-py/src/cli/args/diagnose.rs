@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use dappo_learn::diagnose::Preset;
 
-use super::{BACKENDS, PRECISIONS, at_least};
+use super::{SimulationArgs, at_least};
 
 const METHODS: [&str; 4] = ["A", "B", "C", "D"];
 
@@ -71,15 +71,9 @@ pub struct CollectArgs {
     /// Collect only piece i of n, for example 0/4; all pieces may go into one folder
     #[arg(long, value_name = "I/N", default_value = "0/1")]
     pub shard: String,
-    /// Physics backend [default: the run's]
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes [default: the run's for evaluations, f64]
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
-    pub threads: Option<i64>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

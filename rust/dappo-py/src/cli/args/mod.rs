@@ -116,6 +116,20 @@ pub struct TrainArgs {
     pub json: bool,
 }
 
+/// How to simulate the robot of an earlier run.
+#[derive(Debug, Args)]
+pub struct SimulationArgs {
+    /// Physics backend [default: the run's]
+    #[arg(long, value_parser = BACKENDS)]
+    pub backend: Option<String>,
+    /// Precision of the backend lanes [default: the run's for evaluations, f64]
+    #[arg(long, value_parser = PRECISIONS)]
+    pub precision: Option<String>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub threads: Option<i64>,
+}
+
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
@@ -134,15 +148,9 @@ pub struct EvaluateArgs {
     /// Seed of the initial states [default: the run's]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Physics backend [default: the run's]
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes [default: the run's for evaluations, f64]
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
-    pub threads: Option<i64>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
