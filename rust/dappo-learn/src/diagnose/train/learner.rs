@@ -1,12 +1,12 @@
 //! The network while it learns.
 
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::diagnose::{DiagnoserConfig, Head};
 use crate::error::Result;
 use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes};
-use crate::nn::scalar;
+use crate::nn::{fused_adam, scalar};
 
 /// Adam's guard against division by zero, as in Kingma and Ba (2015).
 const ADAM_EPSILON: f32 = 1e-8;
@@ -32,7 +32,7 @@ pub struct Minibatch {
 }
 
 pub fn adam() -> ModuleOptimizer {
-    AdamConfig::new().with_epsilon(ADAM_EPSILON).init()
+    fused_adam(ADAM_EPSILON)
 }
 
 impl Learner {
