@@ -321,7 +321,7 @@ fn a_saved_diagnoser_reads_back_and_broken_or_foreign_folders_are_refused_by_nam
     source.read(3, 4, STEPS, &mut window).unwrap();
     assert_eq!(loaded.diagnose(&window).unwrap(), expected.diagnose(&window).unwrap());
     let message = loaded.probabilities(&[0.0; 5]).unwrap_err().to_string();
-    assert!(message.contains("inputs [N, T, F] has 5 elements"), "{message}");
+    assert!(message.contains("inputs [N, T, F] have 5 elements, expected a multiple of 156"), "{message}");
 
     let refuse = || Diagnoser::load(&model).unwrap_err().to_string();
     let header = model.join("diagnoser.toml");

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::head::{Head, best, probabilities};
 use super::{Method, Standardizer, Subject, Window};
 use crate::cpu;
-use crate::error::{LearnError, Result, check_length};
+use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
 use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes};
 use crate::nn::read;
@@ -84,7 +84,7 @@ impl Description {
         }
     }
 
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         self.subject.check()?;
         self.standardizer.check(self.input_dim())?;
         for (key, width) in [
@@ -133,7 +133,12 @@ impl Diagnoser {
     /// inputs `[N, T, F]`; returns `[N, C]`, rows sum to 1
     pub fn probabilities(&self, inputs: &[f32]) -> Result<Vec<f32>> {
         let window = self.description.timesteps * self.description.input_dim();
-        check_length("inputs [N, T, F]", inputs, inputs.len() / window * window)?;
+        if !inputs.len().is_multiple_of(window) {
+            let (got, steps) = (inputs.len(), self.description.timesteps);
+            return Err(LearnError::Invalid(format!(
+                "inputs [N, T, F] have {got} elements, expected a multiple of {window} for {steps} time steps"
+            )));
+        }
         let mut all = Vec::with_capacity(inputs.len() / window * self.description.subject.classes());
         for raw in inputs.chunks(BATCH * window) {
             let mut inputs = raw.to_vec();

@@ -2,6 +2,7 @@
 //! they run as fused operations.
 
 pub mod actor_critic;
+mod adam;
 pub mod diagnoser;
 mod fused;
 mod host;
@@ -11,6 +12,7 @@ pub mod lstm;
 pub mod mlp;
 
 pub use actor_critic::{ActorCritic, Decision, GaussianPolicy};
+pub use adam::fused_adam;
 pub use diagnoser::DiagnoserNet;
 pub(crate) use host::{read, scalar};
 pub use lstm::EmbeddedLstm;

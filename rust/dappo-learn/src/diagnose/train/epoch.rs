@@ -53,7 +53,7 @@ impl Session<'_> {
             ranges(order.len(), self.config.minibatch_size).map(|range| &order[range]).collect();
         let all_steps = (minibatches.len() * self.config.epochs) as f64;
         let (mut sum, mut done, mut learning_rate) = (0.0, 0, self.config.learning_rate);
-        let mut next = Some(self.data.minibatch(minibatches[0])?);
+        let mut next = Some(self.data.minibatch(minibatches[0], self.position.steps)?);
         for (index, samples) in minibatches.iter().enumerate() {
             if observer.should_stop() {
                 return Ok(None);
@@ -61,15 +61,15 @@ impl Session<'_> {
             let Some(batch) = next.take() else { break };
             let share = self.position.steps as f64 / all_steps;
             learning_rate = self.config.learning_rate * self.config.schedule.factor(share);
+            self.position.steps += 1;
             let (step, following) = (self.position.steps, minibatches.get(index + 1));
             // The next minibatch is read while this one trains.
             let (learner, data) = (&mut self.learner, &self.data);
             let (loss, read) = rayon::join(
-                || learner.step(batch, step, learning_rate),
-                || following.map(|samples| data.minibatch(samples)).transpose(),
+                || learner.step(batch, learning_rate),
+                || following.map(|samples| data.minibatch(samples, step)).transpose(),
             );
             next = read?;
-            self.position.steps += 1;
             sum += loss? * samples.len() as f64;
             done += samples.len();
             let train_loss = check_finite(

@@ -1,12 +1,12 @@
 //! The network while it learns.
 
-use burn::optim::{AdamConfig, GradientsParams, ModuleOptimizer};
+use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::diagnose::{DiagnoserConfig, Head};
 use crate::error::Result;
-use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes, dropout_masks};
-use crate::nn::scalar;
+use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes};
+use crate::nn::{fused_adam, scalar};
 
 /// Adam's guard against division by zero, as in Kingma and Ba (2015).
 const ADAM_EPSILON: f32 = 1e-8;
@@ -19,8 +19,6 @@ pub struct Learner {
     device: Device,
     sizes: DiagnoserSizes,
     head: Head,
-    dropout: f64,
-    seed: u64,
 }
 
 /// Inputs and targets of one training step.
@@ -29,10 +27,12 @@ pub struct Minibatch {
     pub inputs: Vec<f32>,
     /// `[B, W]`
     pub targets: Vec<f32>,
+    /// What dropout multiplies the dense layers by, `[B, width]` each.
+    pub dropout: Vec<Vec<f32>>,
 }
 
 pub fn adam() -> ModuleOptimizer {
-    AdamConfig::new().with_epsilon(ADAM_EPSILON).init()
+    fused_adam(ADAM_EPSILON)
 }
 
 impl Learner {
@@ -44,20 +44,21 @@ impl Learner {
             device: device.clone(),
             sizes,
             head: config.head,
-            dropout: config.dropout,
-            seed: config.seed,
         }
     }
 
-    /// One gradient step; `number` is that of the step in the whole training. Returns the loss before it.
-    pub fn step(&mut self, batch: Minibatch, number: u64, learning_rate: f64) -> Result<f64> {
+    /// One gradient step; returns the loss before it.
+    pub fn step(&mut self, batch: Minibatch, learning_rate: f64) -> Result<f64> {
         let DiagnoserSizes { inputs, outputs, hidden, .. } = &self.sizes;
         let rows = batch.targets.len() / outputs;
         let steps = batch.inputs.len() / (rows * inputs);
+        let matrix = |values: Vec<f32>, width: usize| {
+            Tensor::from_data(TensorData::new(values, [rows, width]), &self.device)
+        };
         let x = Tensor::from_data(TensorData::new(batch.inputs, [rows, steps, *inputs]), &self.device);
-        let targets = Tensor::from_data(TensorData::new(batch.targets, [rows, *outputs]), &self.device);
-        let dropout = dropout_masks(self.dropout, rows, hidden, self.seed, number, &self.device);
-        let loss = self.head.loss(self.net.forward(x, &dropout), targets);
+        let dropout: Vec<Tensor<2>> =
+            batch.dropout.into_iter().zip(hidden).map(|(mask, width)| matrix(mask, *width)).collect();
+        let loss = self.head.loss(self.net.forward(x, &dropout), matrix(batch.targets, *outputs));
         let gradients = GradientsParams::from_grads(loss.backward(), &self.net);
         self.net = self.optimizer.step(learning_rate, self.net.clone(), gradients);
         scalar(loss.without_autodiff())

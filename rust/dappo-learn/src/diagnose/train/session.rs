@@ -23,6 +23,7 @@ use crate::diagnose::{
 use crate::error::{LearnError, Result};
 use crate::files::io;
 use crate::nn::DiagnoserNet;
+use crate::nn::diagnoser::dropout_masks;
 use crate::records::{load_module, load_optimizer, save_module, save_optimizer, unreadable};
 
 const SESSION: &str = "session.toml";
@@ -61,6 +62,7 @@ struct SavedSession {
 
 /// What minibatches are made from.
 pub struct Data<'a> {
+    config: &'a DiagnoserConfig,
     reader: Reader<'a>,
     pub description: Description,
     /// The head's targets of all classes, `[C, W]`.
@@ -73,12 +75,14 @@ impl Data<'_> {
         self.reader.read(samples, Some(&self.description.standardizer))
     }
 
-    /// Inputs and targets of samples.
-    pub fn minibatch(&self, samples: &[Sample]) -> Result<Minibatch> {
+    /// What one training step learns from samples; `step` is its number in the whole training.
+    pub fn minibatch(&self, samples: &[Sample], step: u64) -> Result<Minibatch> {
         let width = self.description.head.outputs(&self.description.subject);
         let target = |sample: &Sample| &self.targets[sample.class * width..][..width];
         let targets = samples.iter().flat_map(target).copied().collect();
-        Ok(Minibatch { inputs: self.inputs(samples)?, targets })
+        let DiagnoserConfig { dropout, seed, ref hidden, .. } = *self.config;
+        let dropout = dropout_masks(dropout, samples.len(), hidden, seed, step);
+        Ok(Minibatch { inputs: self.inputs(samples)?, targets, dropout })
     }
 }
 
@@ -114,10 +118,11 @@ impl<'a> Session<'a> {
         let reader = Reader { source, method: config.method, timesteps: config.timesteps };
         let standardizer = standardizer.map_or_else(|| reader.standardizer(&training), Ok)?;
         let description = describe(config, subject, source, standardizer);
+        description.check()?;
         Ok(Self {
             config,
             learner: Learner::new(config, description.sizes(), &cpu()),
-            data: Data { reader, targets: config.head.targets(subject), description },
+            data: Data { config, reader, targets: config.head.targets(subject), description },
             training,
             validation,
             position: TrainingPosition::default(),

@@ -5,11 +5,10 @@
 //! step. The backward pass first finds the gradient of the product and then those of its factors.
 //!
 //! Parameters lie in one array: embedding weight `[F, E]` and bias `[E]`, input weight `[E, 4 H]`, bias
-//! `[4 H]`, recurrent weight `[H, 4 H]`; see [`super::lstm_cell`] for the order of the gates.
+//! `[4 H]`, recurrent weight `[H, 4 H]`. The gates lie side by side in the order input, forget, cell, output,
+//! which is PyTorch's.
 //!
 //! Windows are independent of each other, so a block of them goes through all time steps on one thread.
-
-use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -39,26 +38,22 @@ pub struct LstmSizes {
     pub hidden: usize,
 }
 
-/// What [`forward`] keeps for [`backward`], for B windows of T steps.
+/// What [`forward`] keeps for [`backward`].
 #[derive(Debug, Clone, Default)]
 pub struct Activations {
-    /// `[B, T, 4 H]`
-    gates: Vec<f32>,
-    /// `[B, T + 1, H]`
-    cells: Vec<f32>,
-    /// `[B, T, H]`, before every step.
-    hidden: Vec<f32>,
+    /// Of every block of windows, in order.
+    blocks: Vec<BlockActivations>,
 }
 
-impl Activations {
-    fn new(sizes: LstmSizes, windows: usize, steps: usize) -> Self {
-        let zeros = |length| vec![0.0; windows * length];
-        Self {
-            gates: zeros(steps * sizes.gates()),
-            cells: zeros((steps + 1) * sizes.hidden),
-            hidden: zeros(steps * sizes.hidden),
-        }
-    }
+/// What a block of M windows of T steps leaves behind.
+#[derive(Debug, Clone)]
+struct BlockActivations {
+    /// `[M, T, 4 H]`
+    gates: Vec<f32>,
+    /// `[M, T + 1, H]`
+    cells: Vec<f32>,
+    /// `[M, T, H]`, before every step.
+    hidden: Vec<f32>,
 }
 
 /// Views of the parts of an array of parameters.
@@ -136,48 +131,31 @@ pub fn forward(
     folded_bias.iter_mut().zip(bias).for_each(|(sum, b)| *sum += b);
     let weight = Matrix::new(weight, sizes.inputs, sizes.gates());
 
-    let run = |x: &[f32], mut block: Block<'_>| {
-        let rows = x.len() / sizes.inputs;
-        matmul(block.gates, Overwrite, Matrix::new(x, rows, sizes.inputs), weight);
+    let run = |(x, last): (&[f32], &mut [f32])| {
+        let windows = last.len() / sizes.hidden;
+        let mut kept = BlockActivations {
+            gates: vec![0.0; windows * steps * sizes.gates()],
+            cells: vec![0.0; windows * (steps + 1) * sizes.hidden],
+            hidden: vec![0.0; windows * steps * sizes.hidden],
+        };
+        let BlockActivations { gates, cells, hidden } = &mut kept;
+        let mut block = Block { gates, cells, hidden, last };
+        matmul(block.gates, Overwrite, Matrix::new(x, windows * steps, sizes.inputs), weight);
         for step in 0..steps {
             if step > 0 {
                 add_recurrent(&mut block, recurrent, step);
             }
             step_forward(level, &mut block, folded_bias, step);
         }
+        kept
     };
     let inputs = x.par_chunks(BLOCK * steps * sizes.inputs);
-    let outputs = out.par_chunks_mut(BLOCK * sizes.hidden);
-    if !keep {
-        inputs.zip(outputs).for_each_init(
-            || Activations::new(sizes, BLOCK, steps),
-            |scratch, (x, last)| {
-                let windows = last.len() / sizes.hidden;
-                let Activations { gates, cells, hidden } = scratch;
-                run(
-                    x,
-                    Block {
-                        gates: &mut gates[..windows * steps * sizes.gates()],
-                        cells: &mut cells[..windows * (steps + 1) * sizes.hidden],
-                        hidden: &mut hidden[..windows * steps * sizes.hidden],
-                        last,
-                    },
-                );
-            },
-        );
-        return None;
+    let blocks = inputs.zip(out.par_chunks_mut(BLOCK * sizes.hidden));
+    if keep {
+        return Some(Activations { blocks: blocks.map(run).collect() });
     }
-    let mut kept = Activations::new(sizes, windows, steps);
-    let Activations { gates, cells, hidden } = &mut kept;
-    let parts = gates
-        .par_chunks_mut(BLOCK * steps * sizes.gates())
-        .zip(cells.par_chunks_mut(BLOCK * (steps + 1) * sizes.hidden))
-        .zip(hidden.par_chunks_mut(BLOCK * steps * sizes.hidden));
-    inputs
-        .zip(outputs)
-        .zip(parts)
-        .for_each(|((x, last), ((gates, cells), hidden))| run(x, Block { gates, cells, hidden, last }));
-    Some(kept)
+    blocks.for_each(|block| drop(run(block)));
+    None
 }
 
 /// Adds what the hidden states before a step contribute to its gates.
@@ -211,37 +189,34 @@ pub fn backward(
 ) -> Vec<f32> {
     let windows = out_gradient.len() / sizes.hidden;
     assert_eq!(x.len(), windows * steps * sizes.inputs, "windows [B, T, F] of an LSTM");
-    assert_eq!(kept.gates.len(), windows * steps * sizes.gates(), "kept gates [B, T, 4 H] of an LSTM");
+    assert_eq!(kept.blocks.len(), windows.div_ceil(BLOCK), "kept blocks of an LSTM");
     let Parameters { embedding, input, recurrent, .. } = sizes.split(parameters);
-    let partition = windows.div_ceil(PARTITIONS).next_multiple_of(BLOCK);
+    let back = recurrent.to_transposed();
+    let back = Matrix::new(&back, sizes.gates(), sizes.hidden);
     let folded = (sizes.inputs + 1) * sizes.gates();
     let count = folded + sizes.hidden * sizes.gates();
-    let partial: Vec<Vec<f32>> = (0..windows.div_ceil(partition.max(1)))
-        .into_par_iter()
-        .map(|index| {
+    let blocks: Vec<_> = x
+        .chunks(BLOCK * steps * sizes.inputs)
+        .zip(out_gradient.chunks(BLOCK * sizes.hidden))
+        .zip(&kept.blocks)
+        .collect();
+    let partition = blocks.len().div_ceil(PARTITIONS).max(1);
+    let partial: Vec<Vec<f32>> = blocks
+        .par_chunks(partition)
+        .map(|blocks| {
             let mut sums = vec![0.0; count];
             let mut scratch = Scratch::new(sizes, steps);
-            let end = ((index + 1) * partition).min(windows);
-            for start in (index * partition..end).step_by(BLOCK) {
-                let range = start..(start + BLOCK).min(end);
-                let x = cut(x, steps * sizes.inputs, &range);
-                let hidden = cut(&kept.hidden, steps * sizes.hidden, &range);
-                let saved = Saved {
-                    steps,
-                    width: sizes.hidden,
-                    gates: cut(&kept.gates, steps * sizes.gates(), &range),
-                    cells: cut(&kept.cells, (steps + 1) * sizes.hidden, &range),
-                };
-                let out_gradient = cut(out_gradient, sizes.hidden, &range);
-                let gates = backward_block(level, &saved, recurrent, out_gradient, &mut scratch);
-                let rows = range.len() * steps;
+            for &((x, out_gradient), kept) in blocks {
+                let saved = Saved { steps, width: sizes.hidden, gates: &kept.gates, cells: &kept.cells };
+                let gates = backward_block(level, &saved, back, out_gradient, &mut scratch);
+                let rows = x.len() / sizes.inputs;
                 let gates_matrix = Matrix::new(gates, rows, sizes.gates());
                 let (weight, rest) = sums.split_at_mut(sizes.inputs * sizes.gates());
                 let (bias, recurrent) = rest.split_at_mut(sizes.gates());
                 let x = Matrix::new(x, rows, sizes.inputs);
                 matmul(weight, Accumulate, x.transposed(), gates_matrix);
                 column_sums(level, gates, bias);
-                let hidden = Matrix::new(hidden, rows, sizes.hidden);
+                let hidden = Matrix::new(&kept.hidden, rows, sizes.hidden);
                 matmul(recurrent, Accumulate, hidden.transposed(), gates_matrix);
             }
             sums
@@ -256,11 +231,6 @@ pub fn backward(
         || parallel_product(embedding.transposed(), product),
     );
     [&embedding_gradient, &input_gradient, bias_gradient, recurrent_gradient].concat()
-}
-
-/// The rows `range` of a row-major matrix of this row length.
-fn cut<'a>(rows: &'a [f32], length: usize, range: &Range<usize>) -> &'a [f32] {
-    &rows[range.start * length..range.end * length]
 }
 
 /// Buffers of [`backward_block`].
@@ -283,7 +253,7 @@ impl Scratch {
 /// Goes back through time; returns the gradient of what enters the gates of a block of M windows.
 ///
 /// # Shapes
-/// recurrent `[H, 4 H]`, `out_gradient` `[M, H]`; returns `[M, T, 4 H]`
+/// recurrent, transposed, `[4 H, H]`, `out_gradient` `[M, H]`; returns `[M, T, 4 H]`
 fn backward_block<'a>(
     level: Level,
     saved: &Saved<'_>,
@@ -291,7 +261,7 @@ fn backward_block<'a>(
     out_gradient: &[f32],
     scratch: &'a mut Scratch,
 ) -> &'a [f32] {
-    let (width, columns) = (recurrent.rows(), recurrent.columns());
+    let (columns, width) = (recurrent.rows(), recurrent.columns());
     let rows = out_gradient.len() / width;
     let hidden = &mut scratch.hidden[..rows * width];
     let cells = &mut scratch.cells[..rows * width];
@@ -304,7 +274,7 @@ fn backward_block<'a>(
             let used = (rows - 1) * saved.steps * columns + columns;
             let entering = &gates[step * columns..][..used];
             let entering = Matrix::strided(entering, rows, columns, saved.steps * columns);
-            matmul(hidden, Overwrite, entering, recurrent.transposed());
+            matmul(hidden, Overwrite, entering, recurrent);
         }
     }
     gates

@@ -17,6 +17,9 @@
 use super::elementwise::{multiply_add, tanh};
 use super::level::for_every_level;
 
+/// Units computed at once by the backward pass.
+const LANES: usize = 16;
+
 /// What a block of M windows of T steps leaves behind; H is the width of the hidden state.
 pub(super) struct Block<'a> {
     /// Gates `[M, T, 4 H]`: first what enters them without bias, then their activations.
@@ -104,26 +107,69 @@ fn step_forward_body<const FMA: bool>(block: &mut Block<'_>, bias: &[f32], step:
     }
 }
 
+/// Gradients of one unit, given its gates, its cell states and the gradients of its states after the step: of
+/// what enters `i`, `f`, `g` and `o`, and of the cell state before the step.
+#[inline(always)]
+fn unit_backward<const FMA: bool>(
+    [i, f, g, o]: [f32; 4],
+    [before, after]: [f32; 2],
+    hidden: f32,
+    cell: f32,
+) -> [f32; 5] {
+    let tanh_cell = tanh::<FMA>(after);
+    let cell = cell + hidden * o * (1.0 - tanh_cell * tanh_cell);
+    [
+        cell * g * i * (1.0 - i),
+        cell * before * f * (1.0 - f),
+        cell * i * (1.0 - g * g),
+        hidden * tanh_cell * o * (1.0 - o),
+        cell * f,
+    ]
+}
+
 #[inline(always)]
 fn step_backward_body<const FMA: bool>(saved: &Saved<'_>, gradients: &mut Gradients<'_>, step: usize) {
     let &Saved { steps, width, .. } = saved;
     let states = gradients.hidden.chunks_exact(width).zip(gradients.cells.chunks_exact_mut(width));
-    for (row, (hidden_gradient, cell_gradient)) in states.enumerate() {
+    for (row, (hidden, cell)) in states.enumerate() {
         let at = (row * steps + step) * 4 * width;
-        let [i, f, g, o] = quarters(&saved.gates[at..at + 4 * width]);
+        let gates = quarters(&saved.gates[at..at + 4 * width]);
         let [di, df, dg, d_o] = quarters_mut(&mut gradients.gates[at..at + 4 * width]);
+        let mut outputs = [di, df, dg, d_o, cell];
         let cells = &saved.cells[(row * (steps + 1) + step) * width..][..2 * width];
         let (before, after) = cells.split_at(width);
-        for k in 0..width {
-            let (i, f, g, o) = (i[k], f[k], g[k], o[k]);
-            let tanh_cell = tanh::<FMA>(after[k]);
-            let through_hidden = hidden_gradient[k] * o * (1.0 - tanh_cell * tanh_cell);
-            let dc = cell_gradient[k] + through_hidden;
-            di[k] = dc * g * i * (1.0 - i);
-            df[k] = dc * before[k] * f * (1.0 - f);
-            dg[k] = dc * i * (1.0 - g * g);
-            d_o[k] = hidden_gradient[k] * tanh_cell * o * (1.0 - o);
-            cell_gradient[k] = dc * f;
+        // A compiler cannot see that twelve slices do not overlap and would compute one unit at a time, but it
+        // sees that arrays do not.
+        let full = width / LANES * LANES;
+        for at in (0..full).step_by(LANES) {
+            let load = |from: &[f32]| {
+                let mut lanes = [0.0; LANES];
+                lanes.copy_from_slice(&from[at..at + LANES]);
+                lanes
+            };
+            let (gates, before, after) = (gates.map(load), load(before), load(after));
+            let (hidden, cell) = (load(hidden), load(outputs[4]));
+            let mut results = [[0.0; LANES]; 5];
+            for lane in 0..LANES {
+                let gates = [gates[0][lane], gates[1][lane], gates[2][lane], gates[3][lane]];
+                let cells = [before[lane], after[lane]];
+                let unit = unit_backward::<FMA>(gates, cells, hidden[lane], cell[lane]);
+                results[0][lane] = unit[0];
+                results[1][lane] = unit[1];
+                results[2][lane] = unit[2];
+                results[3][lane] = unit[3];
+                results[4][lane] = unit[4];
+            }
+            for (output, result) in outputs.iter_mut().zip(&results) {
+                output[at..at + LANES].copy_from_slice(result);
+            }
+        }
+        for at in full..width {
+            let cells = [before[at], after[at]];
+            let unit = unit_backward::<FMA>(gates.map(|gate| gate[at]), cells, hidden[at], outputs[4][at]);
+            for (output, value) in outputs.iter_mut().zip(unit) {
+                output[at] = value;
+            }
         }
     }
 }
