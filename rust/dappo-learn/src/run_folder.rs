@@ -93,6 +93,19 @@ impl RunFolder {
         write_atomically(&self.root.join("eval").join(name), table.as_bytes())
     }
 
+    /// Reads a table from `eval/`.
+    pub fn read_evaluation(&self, name: &str) -> Result<String> {
+        let path = self.root.join("eval").join(name);
+        if !path.exists() {
+            return Err(LearnError::Invalid(format!(
+                "{} does not exist; `dappo-batch evaluate {}` writes it",
+                path.display(),
+                self.root.display()
+            )));
+        }
+        fs::read_to_string(&path).map_err(io(&path))
+    }
+
     fn metrics(&self) -> MetricsFile {
         MetricsFile::new(self.root.join("metrics.jsonl"))
     }

@@ -330,8 +330,8 @@ fn a_saved_diagnoser_reads_back_and_broken_or_foreign_folders_are_refused_by_nam
         assert!(text.contains(from), "{from} is not in {text}");
         std::fs::write(&header, text.replace(from, to)).unwrap();
     };
-    change("diagnoser 1", "diagnoser 9");
-    assert!(refuse().contains("its format is `dappo-batch diagnoser 9`, expected `dappo-batch diagnoser 1`"));
+    change("diagnoser 2", "diagnoser 9");
+    assert!(refuse().contains("its format is `dappo-batch diagnoser 9`, expected `dappo-batch diagnoser 2`"));
     change("lstm = 12", "lstm = 13");
     assert!(refuse().contains("weights.bpk"));
     change("obs_dim = 6", "obs_dim = 7");

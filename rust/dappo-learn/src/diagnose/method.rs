@@ -22,9 +22,20 @@ impl Method {
     /// All methods.
     pub const ALL: [Self; 4] = [Self::A, Self::B, Self::C, Self::D];
 
+    /// Its name, a letter.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::A => "A",
+            Self::B => "B",
+            Self::C => "C",
+            Self::D => "D",
+        }
+    }
+
     /// The method of this name.
     pub fn parse(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|method| format!("{method:?}") == name).ok_or_else(|| LearnError::Config {
+        Self::ALL.into_iter().find(|method| method.name() == name).ok_or_else(|| LearnError::Config {
             key: "method",
             got: format!("`{name}`"),
             expected: "`A`, `B`, `C` or `D`",

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::head::{Head, best, probabilities};
-use super::{Method, Standardizer, Subject, Window};
+use super::{Method, Standardizer, Subject, Twin, Window};
 use crate::cpu;
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
@@ -22,7 +22,7 @@ use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes};
 use crate::nn::read;
 use crate::records::{load_module, save_module, unreadable};
 
-const FORMAT: &str = "dappo-batch diagnoser 1";
+const FORMAT: &str = "dappo-batch diagnoser 2";
 const HEADER: &str = "diagnoser.toml";
 const WEIGHTS: &str = "weights.bpk";
 /// Windows that go through the network at once.
@@ -50,6 +50,8 @@ pub struct Description {
     pub hidden: Vec<usize>,
     /// Damage classes that it was not trained on.
     pub held_out: Vec<usize>,
+    /// How the twins of its windows were led.
+    pub twin: Twin,
     /// The robot and its classes.
     pub subject: Subject,
     /// What its inputs are standardised with.

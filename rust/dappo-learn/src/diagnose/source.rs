@@ -1,5 +1,6 @@
 //! Where a diagnoser's samples come from.
 
+use super::Twin;
 use crate::error::Result;
 
 /// One sample's raw rows: T post-step observations of the damaged robot and of its healthy twin, and the damaged
@@ -30,6 +31,11 @@ pub trait PairSource: Sync {
 
     /// Length of an action, A.
     fn action_dim(&self) -> usize;
+
+    /// How the twins of the windows were led.
+    fn twin(&self) -> Twin {
+        Twin::default()
+    }
 
     /// Reads the first `timesteps` rows of a sample into `window`, whose vectors are resized.
     fn read(&self, rollout: usize, class: usize, timesteps: usize, window: &mut Window) -> Result<()>;

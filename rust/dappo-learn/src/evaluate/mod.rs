@@ -18,7 +18,7 @@ pub use bootstrap::{CONFIDENCE, Estimate, Gain, RESAMPLES};
 pub use comparison::{ClassComparison, Comparison, RunEvaluation, RunSummary, Side, Summary};
 use encoding::Encoder;
 pub use encoding::Encoding;
-pub use tables::{ALL, ClassResult, Evaluation, GroupResult};
+pub use tables::{ALL, ClassResult, Evaluation, GroupResult, mean_velocities};
 
 /// Chooses actions from raw observations.
 pub trait Policy {

@@ -1,6 +1,5 @@
 //! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once.
 
-mod fleet;
 mod pairs;
 
 use std::path::Path;

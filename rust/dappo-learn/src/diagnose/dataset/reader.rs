@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::header::Header;
 use super::npy::HEADER_BYTES;
 use super::part::count_records;
-use crate::diagnose::{PairSource, Window};
+use crate::diagnose::{PairSource, Twin, Window};
 use crate::error::{LearnError, Result};
 use crate::files::io;
 
@@ -132,6 +132,10 @@ impl PairSource for Dataset {
 
     fn classes(&self) -> usize {
         self.header.subject.classes()
+    }
+
+    fn twin(&self) -> Twin {
+        self.header.twin
     }
 
     fn timesteps(&self) -> usize {

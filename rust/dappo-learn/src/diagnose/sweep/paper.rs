@@ -17,12 +17,10 @@ pub struct PaperResult {
 /// The paper's result for a cell, if it has it.
 #[must_use]
 pub fn paper_result(robot: &str, timesteps: usize, method: Method, rollouts: usize) -> Option<PaperResult> {
-    let wanted = [robot.to_owned(), timesteps.to_string(), format!("{method:?}"), rollouts.to_string()];
+    let wanted = [robot, &timesteps.to_string(), method.name(), &rollouts.to_string()];
     TABLE.lines().map(|line| line.split(',').collect::<Vec<&str>>()).find_map(|fields| {
-        let is_cell = [0, 1, 2, 4]
-            .iter()
-            .zip(&wanted)
-            .all(|(&index, wanted)| fields.get(index) == Some(&wanted.as_str()));
+        let is_cell =
+            [0, 1, 2, 4].iter().zip(&wanted).all(|(&index, wanted)| fields.get(index) == Some(wanted));
         let percent = |index: usize| fields.get(index)?.parse::<f64>().ok().map(|percent| percent / 100.0);
         is_cell.then_some(())?;
         Some(PaperResult { accuracy: percent(5)?, plus_minus: percent(6)? })

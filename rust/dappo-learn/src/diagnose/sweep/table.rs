@@ -103,8 +103,12 @@ impl Table {
                 row;
             let numbers = [*accuracy, *deviation, *validation_accuracy].map(percent).join(",");
             // Writing to a String cannot fail.
-            let _ =
-                writeln!(text, "{},{timesteps},{method:?},{rollouts},{seeds},{numbers},{paper}", self.robot);
+            let _ = writeln!(
+                text,
+                "{},{timesteps},{},{rollouts},{seeds},{numbers},{paper}",
+                self.robot,
+                method.name()
+            );
         }
         text
     }
@@ -127,7 +131,7 @@ impl Table {
                 (pair(paper.accuracy, paper.plus_minus), gain)
             });
             let Row { timesteps, method, rollouts, seeds, .. } = row;
-            let method = format!("{method:?}");
+            let method = method.name();
             let _ = writeln!(
                 text,
                 "{timesteps:>5} {method:>6} {rollouts:>8} {seeds:>5} {ours:>15} {papers:>15} {gain:>7}"

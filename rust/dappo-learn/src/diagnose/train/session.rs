@@ -221,6 +221,7 @@ fn describe(
         lstm: config.lstm,
         hidden: config.hidden.clone(),
         held_out: config.held_out.clone(),
+        twin: source.twin(),
         subject: subject.clone(),
         standardizer,
     }

@@ -1,5 +1,6 @@
 //! The arguments of every command.
 
+mod adapt;
 mod diagnose;
 
 use std::path::PathBuf;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
 
+pub use adapt::AdaptArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
@@ -29,6 +31,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Learn to tell the damage of a robot from a short walk
     Diagnose(DiagnoseArgs),
+    /// Let damage strike in mid-walk, and see how a controller finds out and walks on
+    Adapt(Box<AdaptArgs>),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

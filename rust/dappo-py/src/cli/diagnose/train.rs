@@ -102,9 +102,9 @@ fn class_id(subject: &Subject, name: &str) -> Result<usize> {
 
 fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -> String {
     format!(
-        "{} · method {:?} · {} steps · {} of {} rollouts × {} classes · preset {} → {}",
+        "{} · method {} · {} steps · {} of {} rollouts × {} classes · preset {} → {}",
         data.header().subject.robot,
-        config.method,
+        config.method.name(),
         config.timesteps,
         config.rollouts.unwrap_or(data.rollouts()),
         data.rollouts(),

@@ -1,0 +1,117 @@
+//! Damage in mid-walk: what a controller makes of it, beside a policy that is told the truth and ones that are not.
+//!
+//! Every [`Pilot`] walks the same episodes: the same starts, and the same damage at the same step.
+
+mod outcome;
+mod pilot;
+mod summary;
+mod trace;
+
+use dappo_sim::rng::env_keys;
+use dappo_sim::vector_env::{Autoreset, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
+
+use crate::config::Config;
+use crate::controller::Event;
+use crate::envs::EnvFactory;
+use crate::error::{LearnError, Result};
+
+pub use outcome::{EpisodeOutcome, RECOVERED};
+pub use pilot::Pilot;
+pub use summary::{ClassOutcome, Summary, Walks};
+pub use trace::trace;
+
+/// Episodes of some damage classes, all struck at one step.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Trial {
+    /// Damage classes.
+    pub classes: Vec<usize>,
+    /// Episodes of each class.
+    pub episodes: usize,
+    /// Steps that the robot walks healthily.
+    pub onset: usize,
+    /// Seed of the initial states.
+    pub seed: u64,
+}
+
+/// How a pilot fared in one episode.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Walk {
+    /// Damage class that struck.
+    pub class: usize,
+    /// Forward velocity in every step up to the end of the episode, m/s.
+    pub velocities: Vec<f64>,
+    /// Whether the episode ended in failure.
+    pub fell: bool,
+    /// What the controller did, if there was one.
+    pub events: Vec<Event>,
+}
+
+impl Trial {
+    /// The envs of the trial, those of a class side by side: robot e of every class starts from the same state.
+    pub fn envs(&self, config: &Config, factory: &dyn EnvFactory) -> Result<VectorEnv> {
+        let steps = config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps);
+        if self.onset >= steps {
+            return Err(LearnError::Invalid(format!(
+                "the damage is to strike at step {}, but an episode has {steps} steps",
+                self.onset
+            )));
+        }
+        let starts = env_keys(self.seed, self.episodes);
+        let keys = self.classes.iter().flat_map(|_| &starts).copied().collect();
+        let mut env = factory.make(
+            VectorEnvConfig {
+                keys,
+                observe_damage: true,
+                autoreset: Autoreset::Disabled,
+                onset: Onset { first: self.onset, last: self.onset },
+                ..factory.env_config(config)?
+            },
+            config.env.reward.as_deref(),
+            config.evaluation.precision,
+        )?;
+        let assigned: Vec<Option<usize>> =
+            self.classes.iter().flat_map(|&class| std::iter::repeat_n(Some(class), self.episodes)).collect();
+        env.reset(ResetOptions { classes: Some(&assigned), ..ResetOptions::default() })?;
+        Ok(env)
+    }
+
+    /// The walks of the class in row `row`, of those of all classes.
+    fn rows<'a>(&self, row: usize, walks: &'a [Walk]) -> &'a [Walk] {
+        &walks[row * self.episodes..(row + 1) * self.episodes]
+    }
+
+    /// Lets a pilot walk all episodes to their end; `None` once `stop` says so.
+    pub fn run(
+        &self,
+        pilot: &mut Pilot<'_>,
+        config: &Config,
+        factory: &dyn EnvFactory,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Vec<Walk>>> {
+        let mut env = self.envs(config, factory)?;
+        let classes = self.classes.iter().flat_map(|&class| std::iter::repeat_n(class, self.episodes));
+        let mut walks: Vec<Walk> = classes.map(|class| Walk { class, ..Walk::default() }).collect();
+        let mut walking = vec![true; walks.len()];
+        while walking.contains(&true) {
+            if stop() {
+                return Ok(None);
+            }
+            let actions = pilot.act(&env)?;
+            let events = pilot.take_events();
+            for event in events.into_iter().filter(|event| walking[event.robot]) {
+                walks[event.robot].events.push(event);
+            }
+            env.step(&actions)?;
+            let buffers = env.buffers();
+            for (index, walk) in walks.iter_mut().enumerate() {
+                if !walking[index] {
+                    continue;
+                }
+                walk.velocities.push(buffers.forward_velocity[index]);
+                walk.fell = buffers.terminated[index];
+                walking[index] = !(buffers.terminated[index] || buffers.truncated[index]);
+            }
+        }
+        Ok(Some(walks))
+    }
+}

@@ -1,0 +1,286 @@
+//! The tables of a trial: one row a damage class, and the essence of all.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::outcome::{EpisodeOutcome, mean};
+use super::{Trial, Walk};
+use crate::error::{Result, check_length};
+
+/// The outcome of one damage class. Forward rewards are Σ forward velocity over the steps of an episode from the
+/// damage on, in m/s, averaged over episodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClassOutcome {
+    /// Damage class.
+    pub class: usize,
+    /// Its name.
+    pub name: String,
+    /// Episodes.
+    pub episodes: usize,
+    /// Episodes with a suspicion before the damage (in all of the episode, if the robot stays healthy).
+    pub false_alarms: usize,
+    /// Episodes in which damage was suspected after it struck.
+    pub detected: usize,
+    /// Median number of steps from the damage to the suspicion, where there was one.
+    pub median_delay: Option<f64>,
+    /// Episodes whose first diagnosis after the damage was right.
+    pub right_at_first: usize,
+    /// Episodes in which the policy was told the right class in the end.
+    pub right_at_last: usize,
+    /// Examinations an episode.
+    pub examinations: f64,
+    /// Episodes in which the robot walked as fast as the oracle, but for a fifth, some time after the diagnosis.
+    pub recovered: usize,
+    /// Median number of steps that this took from the damage on, where it happened.
+    pub median_recovery: Option<f64>,
+    /// Episodes that the controller ended in failure.
+    pub falls: usize,
+    /// Forward velocity before the damage, m/s.
+    pub velocity_before: f64,
+    /// Forward reward of the controller.
+    pub adapted: f64,
+    /// Forward reward of the policy that is told the truth at once.
+    pub oracle: f64,
+    /// Forward reward of the policy that takes the robot for healthy.
+    pub unadapted: f64,
+    /// Forward reward of PPO-Unaware, if there is one.
+    pub unaware: Option<f64>,
+}
+
+/// The outcome of a trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// One entry a class, in the order of the trial.
+    pub classes: Vec<ClassOutcome>,
+    /// Share of the healthy episodes without any suspicion, if there are some.
+    pub healthy_without_alarm: Option<f64>,
+    /// Episodes of damages that cost more than half of the speed when nothing is done about them.
+    pub severe_episodes: usize,
+    /// Share of them in which damage was suspected.
+    pub severe_detected: Option<f64>,
+    /// Median number of steps that this took.
+    pub severe_median_delay: Option<f64>,
+    /// Share of the damaged episodes whose first diagnosis was right; undetected ones count as wrong.
+    pub right_at_first: Option<f64>,
+    /// Share of them in which the policy was told the right class in the end.
+    pub right_at_last: Option<f64>,
+    /// Mean forward reward over the damages, as a share of the oracle's.
+    pub recovered_share: Option<f64>,
+    /// The same of the policy that takes every robot for healthy.
+    pub unadapted_share: Option<f64>,
+    /// The same of PPO-Unaware.
+    pub unaware_share: Option<f64>,
+}
+
+/// The walks of all pilots of one trial, episode by episode.
+pub struct Walks {
+    /// The controller's.
+    pub adapted: Vec<Walk>,
+    /// Those of the policy that is told the truth.
+    pub oracle: Vec<Walk>,
+    /// Those of the policy that takes every robot for healthy.
+    pub unadapted: Vec<Walk>,
+    /// Those of PPO-Unaware.
+    pub unaware: Option<Vec<Walk>>,
+}
+
+impl ClassOutcome {
+    /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
+    fn new(trial: &Trial, row: usize, name: String, walks: &Walks) -> (Self, Vec<EpisodeOutcome>) {
+        let after = |walks: &[Walk]| average(trial.rows(row, walks), |walk| reward(walk, trial));
+        let adapted = trial.rows(row, &walks.adapted);
+        let oracle = average(trial.rows(row, &walks.oracle), |walk| speed(walk, trial));
+        let outcomes: Vec<EpisodeOutcome> =
+            adapted.iter().map(|walk| EpisodeOutcome::new(walk, trial.onset, oracle)).collect();
+        let count = |holds: &dyn Fn(&EpisodeOutcome) -> bool| outcomes.iter().filter(|o| holds(o)).count();
+        let class = trial.classes[row];
+        let examinations: usize = outcomes.iter().map(|outcome| outcome.examinations).sum();
+        let outcome = Self {
+            class,
+            name,
+            episodes: trial.episodes,
+            false_alarms: count(&|outcome| outcome.false_alarm),
+            detected: count(&|outcome| outcome.delay.is_some()),
+            median_delay: median(outcomes.iter().filter_map(|outcome| outcome.delay)),
+            right_at_first: count(&|outcome| outcome.first_diagnosis == Some(class)),
+            right_at_last: count(&|outcome| outcome.told == class),
+            examinations: examinations as f64 / trial.episodes as f64,
+            recovered: count(&|outcome| outcome.recovery.is_some()),
+            median_recovery: median(outcomes.iter().filter_map(|outcome| outcome.recovery)),
+            falls: adapted.iter().filter(|walk| walk.fell).count(),
+            velocity_before: average(adapted, |walk| {
+                mean(&walk.velocities[..trial.onset.min(walk.velocities.len())])
+            }),
+            adapted: after(&walks.adapted),
+            oracle: after(&walks.oracle),
+            unadapted: after(&walks.unadapted),
+            unaware: walks.unaware.as_deref().map(after),
+        };
+        (outcome, outcomes)
+    }
+}
+
+impl Summary {
+    /// Puts the walks of a trial together.
+    ///
+    /// # Errors
+    /// If a pilot did not walk all episodes.
+    pub fn new(trial: &Trial, names: &[String], walks: &Walks) -> Result<Self> {
+        let all = trial.classes.len() * trial.episodes;
+        for walks in [&walks.adapted, &walks.oracle, &walks.unadapted].into_iter().chain(&walks.unaware) {
+            check_length("walks [classes, episodes]", walks, all)?;
+        }
+        let mut classes = Vec::with_capacity(trial.classes.len());
+        let (mut severe, mut delays) = (0, Vec::new());
+        for (row, &class) in trial.classes.iter().enumerate() {
+            let name = names.get(class).cloned().unwrap_or_default();
+            let (outcome, episodes) = ClassOutcome::new(trial, row, name, walks);
+            let slowed = average(trial.rows(row, &walks.unadapted), |walk| speed(walk, trial));
+            if class != 0 && slowed < 0.5 * outcome.velocity_before {
+                severe += trial.episodes;
+                delays.extend(episodes.iter().filter_map(|episode| episode.delay));
+            }
+            classes.push(outcome);
+        }
+        Ok(Self::of(classes, severe, &delays))
+    }
+
+    fn of(classes: Vec<ClassOutcome>, severe_episodes: usize, delays: &[usize]) -> Self {
+        let healthy: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class == 0).collect();
+        let damaged: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class != 0).collect();
+        let share = |of: &[&ClassOutcome], count: &dyn Fn(&ClassOutcome) -> usize| {
+            let episodes: usize = of.iter().map(|outcome| outcome.episodes).sum();
+            let counted: usize = of.iter().map(|outcome| count(outcome)).sum();
+            (episodes > 0).then(|| counted as f64 / episodes as f64)
+        };
+        let total = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| -> Option<f64> {
+            damaged.iter().map(|outcome| reward(outcome)).sum()
+        };
+        let of_oracle = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| {
+            let oracle = total(&|outcome| Some(outcome.oracle)).filter(|oracle| *oracle > 0.0)?;
+            Some(total(reward)? / oracle)
+        };
+        Self {
+            healthy_without_alarm: share(&healthy, &|outcome| outcome.episodes - outcome.false_alarms),
+            severe_episodes,
+            severe_detected: (severe_episodes > 0).then(|| delays.len() as f64 / severe_episodes as f64),
+            severe_median_delay: median(delays.iter().copied()),
+            right_at_first: share(&damaged, &|outcome| outcome.right_at_first),
+            right_at_last: share(&damaged, &|outcome| outcome.right_at_last),
+            recovered_share: of_oracle(&|outcome| Some(outcome.adapted)),
+            unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
+            unaware_share: of_oracle(&|outcome| outcome.unaware),
+            classes,
+        }
+    }
+
+    /// The classes as CSV with a header line.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let mut text = "class,name,episodes,false_alarms,detected,median_delay,right_at_first,right_at_last,\
+                        examinations,recovered,median_recovery,falls,velocity_before,adapted,oracle,unadapted,\
+                        unaware\n"
+            .to_owned();
+        for c in &self.classes {
+            let optional = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{:.2},{:.2},{}",
+                c.class,
+                c.name,
+                c.episodes,
+                c.false_alarms,
+                c.detected,
+                optional(c.median_delay),
+                c.right_at_first,
+                c.right_at_last,
+                c.examinations,
+                c.recovered,
+                optional(c.median_recovery),
+                c.falls,
+                c.velocity_before,
+                c.adapted,
+                c.oracle,
+                c.unadapted,
+                optional(c.unaware)
+            );
+        }
+        text
+    }
+}
+
+fn average(walks: &[Walk], of: impl Fn(&Walk) -> f64) -> f64 {
+    walks.iter().map(of).sum::<f64>() / walks.len() as f64
+}
+
+/// Σ forward velocity from the damage on.
+fn reward(walk: &Walk, trial: &Trial) -> f64 {
+    walk.velocities.iter().skip(trial.onset).sum()
+}
+
+/// Mean forward velocity from the damage on; 0 if the robot fell before.
+fn speed(walk: &Walk, trial: &Trial) -> f64 {
+    walk.velocities.get(trial.onset..).filter(|rest| !rest.is_empty()).map_or(0.0, mean)
+}
+
+fn median(values: impl Iterator<Item = usize>) -> Option<f64> {
+    let mut sorted: Vec<usize> = values.collect();
+    sorted.sort_unstable();
+    let half = sorted.len() / 2;
+    match sorted.len() {
+        0 => None,
+        count if count % 2 == 1 => Some(sorted[half] as f64),
+        _ => Some(f64::midpoint(sorted[half - 1] as f64, sorted[half] as f64)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::{Event, EventKind};
+
+    fn walk(class: usize, before: f64, after: f64, suspected: Option<u64>) -> Walk {
+        let kind = EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None };
+        Walk {
+            class,
+            velocities: [vec![before; 10], vec![after; 90]].concat(),
+            fell: false,
+            events: suspected.map(|step| Event { robot: 0, step, kind }).into_iter().collect(),
+        }
+    }
+
+    #[test]
+    fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
+        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0 };
+        let all = |healthy: f64, mild: f64, severe: f64| {
+            vec![
+                walk(0, 1.0, healthy, None),
+                walk(0, 1.0, healthy, Some(50)),
+                walk(1, 1.0, mild, None),
+                walk(1, 1.0, mild, None),
+                walk(2, 1.0, severe, Some(14)),
+                walk(2, 1.0, severe, Some(20)),
+            ]
+        };
+        let walks = Walks {
+            adapted: all(1.0, 0.8, 0.6),
+            oracle: all(1.0, 0.8, 0.8),
+            unadapted: all(1.0, 0.6, 0.2),
+            unaware: None,
+        };
+        let names = ["healthy", "mild", "severe"].map(ToOwned::to_owned);
+        let summary = Summary::new(&trial, &names, &walks).unwrap();
+        assert_eq!(summary.healthy_without_alarm, Some(0.5));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
+        assert_eq!(summary.severe_median_delay, Some(7.0));
+        // (0.8 + 0.6) / (0.8 + 0.8) and (0.6 + 0.2) / 1.6, of 90 steps each.
+        assert!((summary.recovered_share.unwrap() - 0.875).abs() < 1e-12);
+        assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
+        assert_eq!(summary.unaware_share, None);
+        assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
+        assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
+        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &walks).is_err());
+    }
+}
