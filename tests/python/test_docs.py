@@ -33,6 +33,7 @@ SMALLER = {
     "--seconds": "0.05",
     "--rounds": "1",
     "--rollouts": "4",
+    "--at": "10",
 }
 SMALL_TRAINING = (
     "--set horizon=16 env.max_episode_steps=20 evaluation.episodes=1 ppo.epochs=1 ppo.value_epochs=1"

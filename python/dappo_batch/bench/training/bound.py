@@ -15,7 +15,7 @@ from dappo_batch.bench.training.trainers import Sample
 from dappo_batch.bench.training.worker import Worker
 from dappo_batch.bench.workload import Workload
 
-__all__ = ["Bound", "Machine", "Rates", "Sgemm", "bound_of"]
+__all__ = ["Bound", "Machine", "Products", "Rates", "Sgemm", "bound_of"]
 
 _SIZE = 1024
 _LANE_ENVS = 4096
@@ -48,6 +48,26 @@ def _blas() -> str:
     known: Any = np.show_config(mode="dicts")
     blas = known.get("Build Dependencies", {}).get("blas", {})
     return f"{blas.get('name', 'unknown BLAS')} {blas.get('version', '')}".strip()
+
+
+class Products:
+    """Measures the rate of `Sgemm` with one thread and with all of a task; the faster counts."""
+
+    def __init__(self, task: Task) -> None:
+        # One thread too: on a busy machine it may do more than several, which wait for each other.
+        counts = sorted({1, task.threads})
+        self._workers = [Worker(f"{__name__}:Sgemm", replace(task, threads=count)) for count in counts]
+        best = f"best of {' and '.join(map(str, counts))} threads" if len(counts) > 1 else "1 thread"
+        self.note = f"{self._workers[0].note}, {best}"
+
+    def measure(self, seconds: float) -> float:
+        """Multiply for at least `seconds` with each number of threads; returns operations per second."""
+        return max(float(worker.ask(seconds)["flops"]) for worker in self._workers)
+
+    def close(self) -> None:
+        """Free processes and memory."""
+        for worker in self._workers:
+            worker.close()
 
 
 @dataclass(frozen=True)
@@ -99,10 +119,8 @@ class Machine:
         self._physics = [kind(workload) for kind in kinds]
         for contender in self._physics:
             contender.warm_up()
-        # One thread too: on a busy machine it may do more than several, which wait for each other.
-        counts = sorted({1, task.threads})
-        self._sgemms = [Worker(f"{__name__}:Sgemm", replace(task, threads=count)) for count in counts]
-        self.note = f"{self._sgemms[0].note}, best of {' and '.join(map(str, counts))} threads"
+        self._products = Products(task)
+        self.note = self._products.note
 
     def measure(self, seconds: float) -> Rates:
         """Measure each rate for at least `seconds`."""
@@ -111,11 +129,10 @@ class Machine:
             start = time.perf_counter()
             steps = contender.run_for(seconds)
             rates[contender.key] = steps / (time.perf_counter() - start)
-        return Rates(max(float(sgemm.ask(seconds)["flops"]) for sgemm in self._sgemms), rates)
+        return Rates(self._products.measure(seconds), rates)
 
     def close(self) -> None:
         """Free processes and memory."""
-        for sgemm in self._sgemms:
-            sgemm.close()
+        self._products.close()
         for contender in self._physics:
             contender.close()

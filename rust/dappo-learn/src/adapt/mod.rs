@@ -7,6 +7,8 @@ mod pilot;
 mod summary;
 mod trace;
 
+use std::time::Instant;
+
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
 
@@ -17,7 +19,7 @@ use crate::error::{LearnError, Result};
 
 pub use outcome::{EpisodeOutcome, RECOVERED};
 pub use pilot::Pilot;
-pub use summary::{ClassOutcome, Summary, Walks};
+pub use summary::{ClassOutcome, Contest, DecisionTime, Summary};
 pub use trace::trace;
 
 /// Episodes of some damage classes, all struck at one step.
@@ -44,6 +46,15 @@ pub struct Walk {
     pub fell: bool,
     /// What the controller did, if there was one.
     pub events: Vec<Event>,
+}
+
+/// How a pilot fared in a trial.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Walks {
+    /// One entry an episode, those of a class side by side.
+    pub episodes: Vec<Walk>,
+    /// The time that the pilot took for each step of all robots, s.
+    pub decision_seconds: Vec<f64>,
 }
 
 impl Trial {
@@ -76,8 +87,8 @@ impl Trial {
     }
 
     /// The walks of the class in row `row`, of those of all classes.
-    fn rows<'a>(&self, row: usize, walks: &'a [Walk]) -> &'a [Walk] {
-        &walks[row * self.episodes..(row + 1) * self.episodes]
+    fn rows<'a>(&self, row: usize, walks: &'a Walks) -> &'a [Walk] {
+        &walks.episodes[row * self.episodes..(row + 1) * self.episodes]
     }
 
     /// Lets a pilot walk all episodes to their end; `None` once `stop` says so.
@@ -87,16 +98,19 @@ impl Trial {
         config: &Config,
         factory: &dyn EnvFactory,
         stop: &dyn Fn() -> bool,
-    ) -> Result<Option<Vec<Walk>>> {
+    ) -> Result<Option<Walks>> {
         let mut env = self.envs(config, factory)?;
         let classes = self.classes.iter().flat_map(|&class| std::iter::repeat_n(class, self.episodes));
+        let mut decision_seconds = Vec::new();
         let mut walks: Vec<Walk> = classes.map(|class| Walk { class, ..Walk::default() }).collect();
         let mut walking = vec![true; walks.len()];
         while walking.contains(&true) {
             if stop() {
                 return Ok(None);
             }
+            let start = Instant::now();
             let actions = pilot.act(&env)?;
+            decision_seconds.push(start.elapsed().as_secs_f64());
             let events = pilot.take_events();
             for event in events.into_iter().filter(|event| walking[event.robot]) {
                 walks[event.robot].events.push(event);
@@ -112,6 +126,6 @@ impl Trial {
                 walking[index] = !(buffers.terminated[index] || buffers.truncated[index]);
             }
         }
-        Ok(Some(walks))
+        Ok(Some(Walks { episodes: walks, decision_seconds }))
     }
 }

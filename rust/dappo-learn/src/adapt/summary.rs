@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::outcome::{EpisodeOutcome, mean};
-use super::{Trial, Walk};
+use super::{Trial, Walk, Walks};
 use crate::error::{Result, check_length};
 
 /// The outcome of one damage class. Forward rewards are Σ forward velocity over the steps of an episode from the
@@ -71,26 +71,54 @@ pub struct Summary {
     pub unadapted_share: Option<f64>,
     /// The same of PPO-Unaware.
     pub unaware_share: Option<f64>,
+    /// How long the controller took for its decisions.
+    pub decision_ms: DecisionTime,
 }
 
-/// The walks of all pilots of one trial, episode by episode.
-pub struct Walks {
+/// The walks of all pilots of one trial.
+pub struct Contest {
     /// The controller's.
-    pub adapted: Vec<Walk>,
+    pub adapted: Walks,
     /// Those of the policy that is told the truth.
-    pub oracle: Vec<Walk>,
+    pub oracle: Walks,
     /// Those of the policy that takes every robot for healthy.
-    pub unadapted: Vec<Walk>,
+    pub unadapted: Walks,
     /// Those of PPO-Unaware.
-    pub unaware: Option<Vec<Walk>>,
+    pub unaware: Option<Walks>,
+}
+
+/// How long a controller took for a step of all its robots, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DecisionTime {
+    /// Robots decided about.
+    pub robots: usize,
+    /// Median.
+    pub median: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Longest; most often the step of a diagnosis.
+    pub longest: f64,
+}
+
+impl DecisionTime {
+    fn new(robots: usize, seconds: &[f64]) -> Self {
+        let mut sorted: Vec<f64> = seconds.iter().map(|seconds| 1000.0 * seconds).collect();
+        sorted.sort_by(f64::total_cmp);
+        // The smallest time that this share of the times does not exceed.
+        let quantile = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+        };
+        Self { robots, median: quantile(0.5), p99: quantile(0.99), longest: quantile(1.0) }
+    }
 }
 
 impl ClassOutcome {
     /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
-    fn new(trial: &Trial, row: usize, name: String, walks: &Walks) -> (Self, Vec<EpisodeOutcome>) {
-        let after = |walks: &[Walk]| average(trial.rows(row, walks), |walk| reward(walk, trial));
-        let adapted = trial.rows(row, &walks.adapted);
-        let oracle = average(trial.rows(row, &walks.oracle), |walk| speed(walk, trial));
+    fn new(trial: &Trial, row: usize, name: String, contest: &Contest) -> (Self, Vec<EpisodeOutcome>) {
+        let after = |walks: &Walks| average(trial.rows(row, walks), |walk| reward(walk, trial));
+        let adapted = trial.rows(row, &contest.adapted);
+        let oracle = average(trial.rows(row, &contest.oracle), |walk| speed(walk, trial));
         let outcomes: Vec<EpisodeOutcome> =
             adapted.iter().map(|walk| EpisodeOutcome::new(walk, trial.onset, oracle)).collect();
         let count = |holds: &dyn Fn(&EpisodeOutcome) -> bool| outcomes.iter().filter(|o| holds(o)).count();
@@ -112,10 +140,10 @@ impl ClassOutcome {
             velocity_before: average(adapted, |walk| {
                 mean(&walk.velocities[..trial.onset.min(walk.velocities.len())])
             }),
-            adapted: after(&walks.adapted),
-            oracle: after(&walks.oracle),
-            unadapted: after(&walks.unadapted),
-            unaware: walks.unaware.as_deref().map(after),
+            adapted: after(&contest.adapted),
+            oracle: after(&contest.oracle),
+            unadapted: after(&contest.unadapted),
+            unaware: contest.unaware.as_ref().map(after),
         };
         (outcome, outcomes)
     }
@@ -126,27 +154,34 @@ impl Summary {
     ///
     /// # Errors
     /// If a pilot did not walk all episodes.
-    pub fn new(trial: &Trial, names: &[String], walks: &Walks) -> Result<Self> {
+    pub fn new(trial: &Trial, names: &[String], contest: &Contest) -> Result<Self> {
         let all = trial.classes.len() * trial.episodes;
-        for walks in [&walks.adapted, &walks.oracle, &walks.unadapted].into_iter().chain(&walks.unaware) {
-            check_length("walks [classes, episodes]", walks, all)?;
+        for walks in
+            [&contest.adapted, &contest.oracle, &contest.unadapted].into_iter().chain(&contest.unaware)
+        {
+            check_length("walks [classes, episodes]", &walks.episodes, all)?;
         }
         let mut classes = Vec::with_capacity(trial.classes.len());
         let (mut severe, mut delays) = (0, Vec::new());
         for (row, &class) in trial.classes.iter().enumerate() {
             let name = names.get(class).cloned().unwrap_or_default();
-            let (outcome, episodes) = ClassOutcome::new(trial, row, name, walks);
-            let slowed = average(trial.rows(row, &walks.unadapted), |walk| speed(walk, trial));
+            let (outcome, episodes) = ClassOutcome::new(trial, row, name, contest);
+            let slowed = average(trial.rows(row, &contest.unadapted), |walk| speed(walk, trial));
             if class != 0 && slowed < 0.5 * outcome.velocity_before {
                 severe += trial.episodes;
                 delays.extend(episodes.iter().filter_map(|episode| episode.delay));
             }
             classes.push(outcome);
         }
-        Ok(Self::of(classes, severe, &delays))
+        Ok(Self::of(classes, severe, &delays, DecisionTime::new(all, &contest.adapted.decision_seconds)))
     }
 
-    fn of(classes: Vec<ClassOutcome>, severe_episodes: usize, delays: &[usize]) -> Self {
+    fn of(
+        classes: Vec<ClassOutcome>,
+        severe_episodes: usize,
+        delays: &[usize],
+        decision_ms: DecisionTime,
+    ) -> Self {
         let healthy: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class == 0).collect();
         let damaged: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class != 0).collect();
         let share = |of: &[&ClassOutcome], count: &dyn Fn(&ClassOutcome) -> usize| {
@@ -171,6 +206,7 @@ impl Summary {
             recovered_share: of_oracle(&|outcome| Some(outcome.adapted)),
             unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
             unaware_share: of_oracle(&|outcome| outcome.unaware),
+            decision_ms,
             classes,
         }
     }
@@ -255,23 +291,26 @@ mod tests {
     fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
         let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0 };
         let all = |healthy: f64, mild: f64, severe: f64| {
-            vec![
+            let episodes = vec![
                 walk(0, 1.0, healthy, None),
                 walk(0, 1.0, healthy, Some(50)),
                 walk(1, 1.0, mild, None),
                 walk(1, 1.0, mild, None),
                 walk(2, 1.0, severe, Some(14)),
                 walk(2, 1.0, severe, Some(20)),
-            ]
+            ];
+            // From 200 down to 1 ms.
+            let decision_seconds = (1..=200).rev().map(|ms| f64::from(ms) / 1000.0).collect();
+            Walks { episodes, decision_seconds }
         };
-        let walks = Walks {
+        let contest = Contest {
             adapted: all(1.0, 0.8, 0.6),
             oracle: all(1.0, 0.8, 0.8),
             unadapted: all(1.0, 0.6, 0.2),
             unaware: None,
         };
         let names = ["healthy", "mild", "severe"].map(ToOwned::to_owned);
-        let summary = Summary::new(&trial, &names, &walks).unwrap();
+        let summary = Summary::new(&trial, &names, &contest).unwrap();
         assert_eq!(summary.healthy_without_alarm, Some(0.5));
         assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
         assert_eq!(summary.severe_median_delay, Some(7.0));
@@ -279,8 +318,10 @@ mod tests {
         assert!((summary.recovered_share.unwrap() - 0.875).abs() < 1e-12);
         assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
         assert_eq!(summary.unaware_share, None);
+        let DecisionTime { robots, median, p99, longest } = summary.decision_ms;
+        assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
         assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
         assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
-        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &walks).is_err());
+        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &contest).is_err());
     }
 }

@@ -5,7 +5,7 @@ mod show;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_learn::adapt::{Pilot, Summary, Trial, Walk, Walks, trace};
+use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, trace};
 use dappo_learn::config::{Config, Layers};
 use dappo_learn::controller::{Controller, ControllerConfig};
 use dappo_learn::envs::EnvFactory;
@@ -37,19 +37,19 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
     let interrupted = signals::watch()?;
     let walked = py.detach(|| scene.walk(arguments, wanted, &trial, &interrupted));
-    let Some(walks) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
-    let summary = scene.conclude(arguments, &trial, &walks).map_err(|error| from_learn(&error))?;
+    let Some(contest) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    let summary = scene.conclude(arguments, &trial, &contest).map_err(|error| from_learn(&error))?;
     if arguments.json {
         let events: Vec<_> = if arguments.all_classes {
             Vec::new()
         } else {
-            walks.adapted.iter().map(|walk| &walk.events).collect()
+            contest.adapted.episodes.iter().map(|walk| &walk.events).collect()
         };
         console::print_line(
             &json!({ "trial": trial_json(&trial), "summary": summary, "events": events }).to_string(),
         );
     } else {
-        show::show(&summary, &walks, &trial, &scene.names());
+        show::show(&summary, &contest, &trial, &scene.names());
     }
     Ok(0)
 }
@@ -103,7 +103,7 @@ impl Scene {
         wanted: ControllerConfig,
         trial: &Trial,
         interrupted: &AtomicBool,
-    ) -> Result<Option<Walks>> {
+    ) -> Result<Option<Contest>> {
         let parts = Parts { expert: &arguments.expert, diagnoser: &arguments.diagnoser };
         let skills = parts.load(&self.folder, &self.config, &self.known)?;
         let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
@@ -116,14 +116,14 @@ impl Scene {
         let policy = controller.policy();
         let Some(oracle) = run(Pilot::Oracle(policy))? else { return Ok(None) };
         let Some(unadapted) = run(Pilot::Unadapted(policy))? else { return Ok(None) };
-        let unaware: Option<Vec<Walk>> = match &unaware {
+        let unaware = match &unaware {
             None => None,
             Some(policy) => match run(Pilot::Unaware(policy))? {
                 None => return Ok(None),
                 walks => walks,
             },
         };
-        Ok(Some(Walks { adapted, oracle, unadapted, unaware }))
+        Ok(Some(Contest { adapted, oracle, unadapted, unaware }))
     }
 
     fn load_unaware(&self, run: &Path) -> Result<Ppo> {
@@ -139,16 +139,16 @@ impl Scene {
     }
 
     /// Forms the summary and writes the files that were asked for.
-    fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, walks: &Walks) -> Result<Summary> {
+    fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, contest: &Contest) -> Result<Summary> {
         let names = self.names();
-        let summary = Summary::new(trial, &names, walks)?;
+        let summary = Summary::new(trial, &names, contest)?;
         if arguments.all_classes {
             self.folder.write_evaluation("adapt.csv", &summary.csv())?;
             let text = serde_json::to_string_pretty(&summary)
                 .map_err(|error| LearnError::Invalid(error.to_string()))?;
             self.folder.write_evaluation("adapt.json", &text)?;
         }
-        if let (Some(path), Some(walk)) = (&arguments.log, walks.adapted.first()) {
+        if let (Some(path), Some(walk)) = (&arguments.log, contest.adapted.episodes.first()) {
             let io = |source| LearnError::Io { path: path.clone(), source };
             std::fs::write(path, trace(walk, trial.onset, &names)).map_err(io)?;
         }

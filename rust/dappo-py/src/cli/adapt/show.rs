@@ -1,19 +1,24 @@
 //! What a person sees of a trial.
 
-use dappo_learn::adapt::{ClassOutcome, Summary, Trial, Walks};
+use dappo_learn::adapt::{ClassOutcome, Contest, Summary, Trial};
 use dappo_learn::controller::{Event, EventKind};
 
 use crate::cli::console;
 
 /// Prints the story of a single damage, or the table of all classes.
-pub fn show(summary: &Summary, walks: &Walks, trial: &Trial, names: &[String]) {
+pub fn show(summary: &Summary, contest: &Contest, trial: &Trial, names: &[String]) {
     if let [only] = summary.classes.as_slice() {
-        story(walks.adapted.first().map_or(&[], |walk| walk.events.as_slice()), trial, names);
+        story(contest.adapted.episodes.first().map_or(&[], |walk| walk.events.as_slice()), trial, names);
         one(only, trial);
     } else {
         table(summary);
         essence(summary);
     }
+    let time = summary.decision_ms;
+    console::print_line(&format!(
+        "time of a decision about {} robots: {:.2} ms (median), 99 % below {:.2} ms, longest {:.2} ms",
+        time.robots, time.median, time.p99, time.longest
+    ));
 }
 
 /// The events of the first episode.
