@@ -26,10 +26,11 @@ class Controller:
     ----------
     run
         Run folder of a damage-aware policy that has been evaluated.
-    expert
-        Run folder of a policy that was trained with ``train --healthy``; it walks while a robot is examined.
     diagnoser
-        Folder of ``diagnose train``, best on records of the preset ``residual``.
+        Folder of ``diagnose train``, best on records of this run with the preset ``residual``.
+    expert
+        Run folder of the policy that walks while a robot is examined, the one whose records the diagnoser
+        learned from; the run itself, as if nothing were damaged, if left out.
     num_robots
         Number of robots, N.
     trigger
@@ -48,16 +49,16 @@ class Controller:
         self,
         run: str | PathLike[str],
         *,
-        expert: str | PathLike[str],
         diagnoser: str | PathLike[str],
+        expert: str | PathLike[str] | None = None,
         num_robots: int = 1,
         trigger: str = "residual",
         settings: Mapping[str, float] | None = None,
     ) -> None:
         self._core = _core.Controller(
             Path(fspath(run)),
-            expert=Path(fspath(expert)),
             diagnoser=Path(fspath(diagnoser)),
+            expert=None if expert is None else Path(fspath(expert)),
             num_robots=num_robots,
             trigger=trigger,
             settings=[f"{key}={value}" for key, value in (settings or {}).items()],

@@ -31,14 +31,14 @@ Record = dict[str, Any]
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train an expert that moves, a policy, and a diagnoser of single damages that is right nearly always."""
+    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
     root = tmp_path_factory.mktemp("controller")
     windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
     network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
     done = dappo_batch_many(
-        ("train", *SIZES, "--healthy", "--steps", "196608", "--run", root / "expert"),
-        ("train", *SIZES, "--steps", "65536", "--run", root / "aware"),
-        ("diagnose", "collect", root / "expert", *windows, "--rollouts", "300", "--out", root / "pairs"),
+        ("train", *SIZES, "--steps", "196608", "--run", root / "aware"),
+        ("train", *SIZES, "--healthy", "--steps", "8192", "--run", root / "expert"),
+        ("diagnose", "collect", root / "aware", *windows, "--rollouts", "300", "--out", root / "pairs"),
         ("diagnose", "train", root / "pairs", "--out", root / "diagnoser", "--set", *network),
     )
     assert [code for code, _, _ in done] == [0] * len(done), done
@@ -46,12 +46,13 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def equipment(parts: Path) -> tuple[str | Path, ...]:
-    return (parts / "aware", "--expert", parts / "expert", "--diagnoser", parts / "diagnoser")
+    return (parts / "aware", "--diagnoser", parts / "diagnoser")
 
 
 def make(parts: Path, num_robots: int = 1, **settings: float) -> Controller:
-    folders = {"expert": parts / "expert", "diagnoser": parts / "diagnoser"}
-    return Controller(parts / "aware", **folders, num_robots=num_robots, settings=settings)
+    return Controller(
+        parts / "aware", diagnoser=parts / "diagnoser", num_robots=num_robots, settings=settings
+    )
 
 
 def kinds(controller: Controller, robot: int = 0) -> list[str]:
@@ -168,6 +169,32 @@ def test_a_fleet_is_controlled_as_its_robots_would_be_alone(parts: Path) -> None
         assert controller.damage_classes == [fleet.damage_classes[index]]
 
 
+def test_another_expert_walks_during_an_examination_and_only_then(parts: Path) -> None:
+    def actions(expert: str | None) -> tuple[NDArray[np.float32], list[int]]:
+        folders = {"diagnoser": parts / "diagnoser", "expert": parts / expert if expert else None}
+        controller, robots = Controller(parts / "aware", **folders), Robots(["healthy"])
+        taken = []
+        for step in range(ONSET + 30):
+            if step == ONSET:
+                robots.become(["jammed_joint@2"])
+            taken.append(controller.act(robots.obs, robots.velocity))
+            # What the robot does is the same whoever controls it, so that the actions can be compared.
+            robots.obs, _, _, _, infos = robots.envs.step(
+                np.full((1, 8), 0.3 * np.sin(0.5 * step), np.float32)
+            )
+            robots.velocity = infos["forward_velocity"]
+        return np.concatenate(taken), [event["step"] for event in controller.events]
+
+    own, begun = actions(None)
+    same, _ = actions("aware")
+    other, begun_with_other = actions("expert")
+    np.testing.assert_array_equal(own, same)
+    first = begun[0]
+    assert first == begun_with_other[0]
+    np.testing.assert_array_equal(own[:first], other[:first])
+    assert (own[first : first + 20] != other[first : first + 20]).any(axis=1).all()
+
+
 def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
 
@@ -252,8 +279,9 @@ def test_a_reset_forgets_the_damage_of_the_robots_in_its_mask(parts: Path) -> No
 
 
 def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts: Path) -> None:
-    folders = {"expert": parts / "expert", "diagnoser": parts / "diagnoser"}
-    controller = Controller(parts / "aware", **folders, trigger="speed", settings={"speed_window": 10})
+    controller = Controller(
+        parts / "aware", diagnoser=parts / "diagnoser", trigger="speed", settings={"speed_window": 10}
+    )
     obs = Robots(["healthy"]).obs
     with (parts / "aware" / "eval" / "per_class.csv").open(newline="") as file:
         healthy = next(csv.DictReader(file))
@@ -268,13 +296,12 @@ def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts:
 
 
 def test_what_cannot_be_used_is_refused_with_the_reason(parts: Path) -> None:
-    folders = {"expert": parts / "expert", "diagnoser": parts / "diagnoser"}
     with pytest.raises(dappo_batch.ConfigError, match=r"confidence is 2, expected a number in \[0, 1\]"):
         make(parts, confidence=2)
     with pytest.raises(dappo_batch.ConfigError, match="trigger"):
-        Controller(parts / "aware", **folders, trigger="pain")
+        Controller(parts / "aware", diagnoser=parts / "diagnoser", trigger="pain")
     with pytest.raises(dappo_batch.ConfigError, match="is no run folder"):
-        Controller(parts / "nowhere", **folders)
+        Controller(parts / "nowhere", diagnoser=parts / "diagnoser")
     with pytest.raises(dappo_batch.ShapeError, match=r"\[1, 119\].*expected \[1, 111\]"):
         make(parts).act(np.zeros(119), 0.0)
     _, err = run("adapt", *equipment(parts), "--damage", "missing_toe@9", code=1)

@@ -19,8 +19,8 @@ use crate::vector_env::not_contiguous;
 
 /// Where the parts of a controller lie that its policy does not bring along.
 pub struct Parts<'a> {
-    /// Run folder of the expert.
-    pub expert: &'a Path,
+    /// Run folder of the expert; the policy itself, as if nothing were damaged, for `None`.
+    pub expert: Option<&'a Path>,
     /// Folder of the diagnoser's training.
     pub diagnoser: &'a Path,
 }
@@ -36,11 +36,16 @@ impl Parts<'_> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
         let baselines = mean_velocities(&folder.read_evaluation("per_class.csv")?, &names)?;
         let policy = policy::load(folder, config, factory)?.ppo;
-        let (expert_folder, expert_config) = RunFolder::open(self.expert)?;
-        let expert = Expert::new(policy::load(&expert_folder, &expert_config, factory)?.ppo);
+        let expert = match self.expert {
+            None => policy::load(folder, config, factory)?.ppo,
+            Some(run) => {
+                let (folder, config) = RunFolder::open(run)?;
+                policy::load(&folder, &config, factory)?.ppo
+            }
+        };
         let (training, _) = TrainingFolder::open(self.diagnoser)?;
         let diagnoser = Diagnoser::load(&training.model())?;
-        Ok(Skills { policy, expert, diagnoser, baselines })
+        Ok(Skills { policy, expert: Expert::new(expert), diagnoser, baselines })
     }
 }
 
@@ -68,12 +73,12 @@ pub struct PyController {
 #[pymethods]
 impl PyController {
     #[new]
-    #[pyo3(signature = (run, *, expert, diagnoser, num_robots=1, trigger="residual", settings=Vec::new()))]
+    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new()))]
     fn new(
         py: Python<'_>,
         run: PathBuf,
-        expert: PathBuf,
         diagnoser: PathBuf,
+        expert: Option<PathBuf>,
         num_robots: usize,
         trigger: &str,
         settings: Vec<String>,
@@ -83,7 +88,7 @@ impl PyController {
         // Threads that wait for each other would cost a small fleet more time than they save.
         config.env.threads = Some(1);
         let factory = TableFactory::compile(py, &config)?;
-        let parts = Parts { expert: &expert, diagnoser: &diagnoser };
+        let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
         let controller = py.detach(|| {
             let skills = parts.load(&folder, &config, &factory)?;
             let twins = factory.backend(num_robots, None, config.evaluation.precision)?;

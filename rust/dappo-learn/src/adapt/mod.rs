@@ -86,9 +86,11 @@ impl Trial {
         Ok(env)
     }
 
-    /// The walks of the class in row `row`, of those of all classes.
-    fn rows<'a>(&self, row: usize, walks: &'a Walks) -> &'a [Walk] {
-        &walks.episodes[row * self.episodes..(row + 1) * self.episodes]
+    /// The episodes of the class in row `row` that did not end before its damage struck; all of healthy robots.
+    fn struck(&self, row: usize, walks: &Walks) -> Vec<usize> {
+        let is_struck = |walk: &Walk| walk.class == 0 || walk.velocities.len() > self.onset;
+        let of_class = row * self.episodes..(row + 1) * self.episodes;
+        of_class.filter(|&episode| is_struck(&walks.episodes[episode])).collect()
     }
 
     /// Lets a pilot walk all episodes to their end; `None` once `stop` says so.

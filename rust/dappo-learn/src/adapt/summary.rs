@@ -16,8 +16,10 @@ pub struct ClassOutcome {
     pub class: usize,
     /// Its name.
     pub name: String,
-    /// Episodes.
+    /// Episodes in which the damage struck; all others count for nothing here.
     pub episodes: usize,
+    /// Episodes that ended before.
+    pub ended_before: usize,
     /// Episodes with a suspicion before the damage (in all of the episode, if the robot stays healthy).
     pub false_alarms: usize,
     /// Episodes in which damage was suspected after it struck.
@@ -116,28 +118,30 @@ impl DecisionTime {
 impl ClassOutcome {
     /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
     fn new(trial: &Trial, row: usize, name: String, contest: &Contest) -> (Self, Vec<EpisodeOutcome>) {
-        let after = |walks: &Walks| average(trial.rows(row, walks), |walk| reward(walk, trial));
-        let adapted = trial.rows(row, &contest.adapted);
-        let oracle = average(trial.rows(row, &contest.oracle), |walk| speed(walk, trial));
+        let struck = trial.struck(row, &contest.adapted);
+        let after = |walks: &Walks| average(walks, &struck, |walk| reward(walk, trial));
+        let oracle = average(&contest.oracle, &struck, |walk| speed(walk, trial));
+        let adapted = || struck.iter().map(|&episode| &contest.adapted.episodes[episode]);
         let outcomes: Vec<EpisodeOutcome> =
-            adapted.iter().map(|walk| EpisodeOutcome::new(walk, trial.onset, oracle)).collect();
+            adapted().map(|walk| EpisodeOutcome::new(walk, trial.onset, oracle)).collect();
         let count = |holds: &dyn Fn(&EpisodeOutcome) -> bool| outcomes.iter().filter(|o| holds(o)).count();
         let class = trial.classes[row];
         let examinations: usize = outcomes.iter().map(|outcome| outcome.examinations).sum();
         let outcome = Self {
             class,
             name,
-            episodes: trial.episodes,
+            episodes: struck.len(),
+            ended_before: trial.episodes - struck.len(),
             false_alarms: count(&|outcome| outcome.false_alarm),
             detected: count(&|outcome| outcome.delay.is_some()),
             median_delay: median(outcomes.iter().filter_map(|outcome| outcome.delay)),
             right_at_first: count(&|outcome| outcome.first_diagnosis == Some(class)),
             right_at_last: count(&|outcome| outcome.told == class),
-            examinations: examinations as f64 / trial.episodes as f64,
+            examinations: examinations as f64 / struck.len() as f64,
             recovered: count(&|outcome| outcome.recovery.is_some()),
             median_recovery: median(outcomes.iter().filter_map(|outcome| outcome.recovery)),
-            falls: adapted.iter().filter(|walk| walk.fell).count(),
-            velocity_before: average(adapted, |walk| {
+            falls: adapted().filter(|walk| walk.fell).count(),
+            velocity_before: average(&contest.adapted, &struck, |walk| {
                 mean(&walk.velocities[..trial.onset.min(walk.velocities.len())])
             }),
             adapted: after(&contest.adapted),
@@ -166,9 +170,10 @@ impl Summary {
         for (row, &class) in trial.classes.iter().enumerate() {
             let name = names.get(class).cloned().unwrap_or_default();
             let (outcome, episodes) = ClassOutcome::new(trial, row, name, contest);
-            let slowed = average(trial.rows(row, &contest.unadapted), |walk| speed(walk, trial));
+            let struck = trial.struck(row, &contest.adapted);
+            let slowed = average(&contest.unadapted, &struck, |walk| speed(walk, trial));
             if class != 0 && slowed < 0.5 * outcome.velocity_before {
-                severe += trial.episodes;
+                severe += struck.len();
                 delays.extend(episodes.iter().filter_map(|episode| episode.delay));
             }
             classes.push(outcome);
@@ -183,7 +188,8 @@ impl Summary {
         decision_ms: DecisionTime,
     ) -> Self {
         let healthy: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class == 0).collect();
-        let damaged: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class != 0).collect();
+        let damaged: Vec<&ClassOutcome> =
+            classes.iter().filter(|outcome| outcome.class != 0 && outcome.episodes > 0).collect();
         let share = |of: &[&ClassOutcome], count: &dyn Fn(&ClassOutcome) -> usize| {
             let episodes: usize = of.iter().map(|outcome| outcome.episodes).sum();
             let counted: usize = of.iter().map(|outcome| count(outcome)).sum();
@@ -214,7 +220,7 @@ impl Summary {
     /// The classes as CSV with a header line.
     #[must_use]
     pub fn csv(&self) -> String {
-        let mut text = "class,name,episodes,false_alarms,detected,median_delay,right_at_first,right_at_last,\
+        let mut text = "class,name,episodes,ended_before,false_alarms,detected,median_delay,right_at_first,right_at_last,\
                         examinations,recovered,median_recovery,falls,velocity_before,adapted,oracle,unadapted,\
                         unaware\n"
             .to_owned();
@@ -223,10 +229,11 @@ impl Summary {
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{:.2},{:.2},{}",
+                "{},{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{:.2},{:.2},{}",
                 c.class,
                 c.name,
                 c.episodes,
+                c.ended_before,
                 c.false_alarms,
                 c.detected,
                 optional(c.median_delay),
@@ -247,8 +254,9 @@ impl Summary {
     }
 }
 
-fn average(walks: &[Walk], of: impl Fn(&Walk) -> f64) -> f64 {
-    walks.iter().map(of).sum::<f64>() / walks.len() as f64
+/// Mean over some episodes; NaN for none.
+fn average(walks: &Walks, episodes: &[usize], of: impl Fn(&Walk) -> f64) -> f64 {
+    episodes.iter().map(|&episode| of(&walks.episodes[episode])).sum::<f64>() / episodes.len() as f64
 }
 
 /// Σ forward velocity from the damage on.
@@ -322,6 +330,29 @@ mod tests {
         assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
         assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
         assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
+        assert_eq!(summary.classes[1].ended_before, 0);
         assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &contest).is_err());
+    }
+    #[test]
+    fn an_episode_that_ended_before_its_damage_struck_counts_for_nothing() {
+        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0 };
+        let fallen = Walk { velocities: vec![1.0; 10], fell: true, ..walk(1, 1.0, 0.0, None) };
+        let walks = |after: f64, suspected| Walks {
+            episodes: vec![walk(1, 1.0, after, suspected), fallen.clone()],
+            decision_seconds: Vec::new(),
+        };
+        let contest = Contest {
+            adapted: walks(0.5, Some(12)),
+            oracle: walks(1.0, None),
+            unadapted: walks(0.1, None),
+            unaware: Some(walks(0.2, None)),
+        };
+        let summary = Summary::new(&trial, &["healthy".to_owned(), "broken".to_owned()], &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.episodes, class.ended_before, class.detected, class.falls), (1, 1, 1, 0));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (1, Some(1.0)));
+        assert!((class.adapted - 45.0).abs() < 1e-9);
+        assert!((summary.unaware_share.unwrap() - 0.2).abs() < 1e-12);
+        assert_eq!(summary.healthy_without_alarm, None);
     }
 }

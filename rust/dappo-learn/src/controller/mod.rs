@@ -32,7 +32,7 @@ use suspicion::Evidence;
 pub struct Skills {
     /// The damage-aware policy.
     pub policy: Ppo,
-    /// The policy that walks while the diagnoser watches.
+    /// The policy that walks while the diagnoser watches, as it did in the diagnoser's training.
     pub expert: Expert,
     /// The diagnoser.
     pub diagnoser: Diagnoser,

@@ -71,6 +71,9 @@ fn one(c: &ClassOutcome, trial: &Trial) {
             steps(c.median_recovery)
         ));
     }
+    if c.ended_before > 0 {
+        console::print_line(&format!("  ended before the damage struck, and left out: {}", c.ended_before));
+    }
     console::print_line(&format!("  falls: {}", of(c.falls)));
     console::print_line(&format!(
         "  forward velocity before step {}: {:.2} m/s",
@@ -132,6 +135,12 @@ fn essence(summary: &Summary) {
         "healthy episodes without alarm: {}",
         percent(summary.healthy_without_alarm)
     ));
+    let left_out: usize = summary.classes.iter().map(|class| class.ended_before).sum();
+    if left_out > 0 {
+        console::print_line(&format!(
+            "episodes that ended before the damage struck, and are left out: {left_out}"
+        ));
+    }
     console::print_line(&format!(
         "damages that cost more than half of the speed: {} of {} episodes detected, after {} steps (median)",
         percent(summary.severe_detected),

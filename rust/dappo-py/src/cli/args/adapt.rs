@@ -13,12 +13,13 @@ pub struct AdaptArgs {
     /// Run folder of a damage-aware policy that has been evaluated
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
-    /// Run folder of the expert, a policy trained with `train --healthy`, which walks during a diagnosis
-    #[arg(long, value_name = "RUN")]
-    pub expert: PathBuf,
-    /// Folder of a diagnoser that `diagnose train` made, best from records with the preset residual
+    /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
     #[arg(long, value_name = "DIR")]
     pub diagnoser: PathBuf,
+    /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
+    /// [default: RUN, as if nothing were damaged]
+    #[arg(long, value_name = "RUN")]
+    pub expert: Option<PathBuf>,
     /// Run folder of a policy that was trained with --unaware, to compare with
     #[arg(long, value_name = "RUN")]
     pub unaware: Option<PathBuf>,
