@@ -93,8 +93,7 @@ def shrunk(line: str) -> str:
             line += " --envs 4"
         return f"{line} {SMALL_TRAINING}"
     if line.startswith("dappo-batch diagnose train"):
-        line = line.split(" --set ")[0]
-        return f"{line} --set epochs=1"
+        return f"{line.split(' --set ')[0]} --set epochs=1"
     return line
 
 

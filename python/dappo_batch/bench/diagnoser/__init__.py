@@ -23,9 +23,8 @@ from dappo_batch.bench.diagnoser.trainers import Ours, Sample, Torch, TorchFolde
 from dappo_batch.bench.entry import enter
 from dappo_batch.bench.machine import cores, describe, limited_to
 from dappo_batch.bench.measure import rotated
+from dappo_batch.bench.products import Products
 from dappo_batch.bench.report import Missing
-from dappo_batch.bench.training.bound import Products
-from dappo_batch.bench.training.task import Task as ProductsTask
 from dappo_batch.robots import load_robot
 
 __all__ = ["TRAINERS", "DiagnoserReport", "Trainer", "run"]
@@ -124,7 +123,7 @@ def _measure(
         trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
         for trainer in trainers:
             entered.callback(trainer.close)
-        products = entered.enter_context(closing(Products(ProductsTask(task.threads))))
+        products = entered.enter_context(closing(Products(task.threads)))
         for number in range(rounds):
             where = f"{task.threads} threads, minibatch {task.minibatch}, round {number + 1} of {rounds}"
             progress(f"{where}: the machine")

@@ -13,7 +13,7 @@ from dappo_batch.bench.contenders import Unavailable
 from dappo_batch.bench.diagnoser.task import Task
 from dappo_batch.bench.entry import Entrant
 from dappo_batch.bench.learner import TrainingFailed, command_line, read_metrics
-from dappo_batch.bench.training.worker import Worker, WorkerFailed
+from dappo_batch.bench.worker import Worker, WorkerFailed
 
 __all__ = ["Ours", "Sample", "Torch", "TorchFolded", "Trainer", "sample_of"]
 

@@ -13,7 +13,7 @@ from dappo_batch.bench.contenders import Unavailable
 from dappo_batch.bench.entry import Entrant
 from dappo_batch.bench.learner import TrainingFailed, TrainingRun
 from dappo_batch.bench.training.task import Task, pass_flops
-from dappo_batch.bench.training.worker import Worker, WorkerFailed
+from dappo_batch.bench.worker import Worker, WorkerFailed
 
 __all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
 
@@ -199,7 +199,7 @@ class Peer(Trainer):
     Attributes
     ----------
     program : str
-        Module and class that the process runs, see `dappo_batch.bench.training.worker`.
+        Module and class that the process runs, see `dappo_batch.bench.worker`.
     """
 
     program: ClassVar[str]

@@ -20,7 +20,7 @@ from dappo_batch.bench.machine import thread_limits
 
 __all__ = ["Program", "Work", "Worker", "WorkerFailed", "main"]
 
-_PROGRAM = "import sys; from dappo_batch.bench.training.worker import main; main(*sys.argv[1:])"
+_PROGRAM = "import sys; from dappo_batch.bench.worker import main; main(*sys.argv[1:])"
 
 
 class Work(Protocol):
