@@ -214,6 +214,18 @@ def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) 
     assert np.isfinite(make(parts).act(np.full(111, np.nan), np.nan)).all()
 
 
+def test_contact_forces_that_are_off_and_little_noise_raise_no_suspicion(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+    rng = np.random.default_rng(0)
+
+    def sensors(_: int, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        noise = np.repeat([1e-4, 1e-3, 0.5], [13, 14, 84])  # of positions, velocities and contact forces
+        return obs + (noise * rng.standard_normal(111)).astype(np.float32)
+
+    robots.walk(controller, 150, sensors)
+    assert kinds(controller) == []
+
+
 def test_a_sensor_that_is_stuck_is_suspected_and_examined_ever_more_rarely(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
     stuck: list[NDArray[np.float32]] = []
@@ -251,7 +263,7 @@ def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Pa
     robots.walk(controller, 15)
     robots.become(["jammed_joint@2"])
     # What is named after a window of two damages may be wrong, but it does not last.
-    robots.walk(controller, 150)
+    robots.walk(controller, 350)
     assert told(controller) == ["jammed_joint@2"]
 
 

@@ -46,7 +46,8 @@ pub struct Controller {
     config: ControllerConfig,
     /// Damage codes of all classes, `[C, code_length]`.
     codes: Vec<Vec<f32>>,
-    /// 1 / standard deviation of every entry of an observation in training, `[O]`.
+    /// 1 / standard deviation of every position and velocity in training, 0 of all other entries of an observation:
+    /// contact forces jump, so that the least noise of a sensor would pass for damage. `[O]`
     scale: Vec<f32>,
     robots: Vec<Robot>,
     /// Observations with the last finite value where a sensor has failed, `[N, O]`.
@@ -65,12 +66,15 @@ impl Controller {
         let robots = twins.num_envs();
         let (obs_dim, action_dim) = (twins.task().obs_dim(), twins.task().layout().nu);
         let codes = &skills.diagnoser.description().subject.codes;
+        let scale = skills.policy.normalizer().scale();
+        let compared = scale.into_iter().zip(twins.task().shows_state());
+        let scale = compared.map(|(scale, is_state)| if is_state { scale } else { 0.0 }).collect();
         let mut twins = Fleet::new(twins);
         twins
             .reset(&(0..robots).map(|env| Reset { env, class: 0, key: 0, episode: 0 }).collect::<Vec<_>>())?;
         Ok(Self {
             codes: codes.iter().map(|code| code.iter().map(|&bit| f32::from(bit)).collect()).collect(),
-            scale: skills.policy.normalizer().scale(),
+            scale,
             robots: (0..robots).map(|_| Robot::new(&config)).collect(),
             obs: vec![0.0; robots * obs_dim],
             actions: vec![0.0; robots * action_dim],
@@ -331,11 +335,13 @@ fn check_skills(skills: &Skills, twins: &dyn Backend) -> Result<()> {
     Ok(())
 }
 
-/// Root mean square of the difference between two observations, in standard deviations, each clipped to ±[`CLIP`].
+/// Root mean square of the difference between two observations over the entries whose `scale` is not 0, in standard
+/// deviations, each clipped to ±[`CLIP`].
 fn distance(one: &[f32], other: &[f32], scale: &[f32]) -> f64 {
-    let entries = one.iter().zip(other).zip(scale);
-    let squares: f64 = entries
-        .map(|((one, other), scale)| f64::from(((one - other) * scale).clamp(-CLIP, CLIP)).powi(2))
-        .sum();
-    (squares / one.len() as f64).sqrt()
+    let compared = one.iter().zip(other).zip(scale).filter(|(_, scale)| **scale > 0.0);
+    let (count, squares) = compared.fold((0.0, 0.0), |(count, squares), ((one, other), scale)| {
+        let difference = f64::from(((one - other) * scale).clamp(-CLIP, CLIP));
+        (count + 1.0, squares + difference * difference)
+    });
+    f64::sqrt(squares / f64::max(count, 1.0))
 }
