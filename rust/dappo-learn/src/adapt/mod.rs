@@ -2,6 +2,7 @@
 //!
 //! Every [`Pilot`] walks the same episodes: the same starts, and the same damage at the same step.
 
+mod class;
 mod outcome;
 mod pilot;
 mod summary;
@@ -17,9 +18,10 @@ use crate::controller::Event;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 
+pub use class::ClassOutcome;
 pub use outcome::{EpisodeOutcome, RECOVERED};
 pub use pilot::Pilot;
-pub use summary::{ClassOutcome, Contest, DecisionTime, Summary};
+pub use summary::{DecisionTime, Summary};
 pub use trace::trace;
 
 /// Episodes of some damage classes, all struck at one step.
@@ -55,6 +57,18 @@ pub struct Walks {
     pub episodes: Vec<Walk>,
     /// The time that the pilot took for each step of all robots, s.
     pub decision_seconds: Vec<f64>,
+}
+
+/// The walks of all pilots of one trial.
+pub struct Contest {
+    /// The controller's.
+    pub adapted: Walks,
+    /// Those of the policy that is told the truth.
+    pub oracle: Walks,
+    /// Those of the policy that takes every robot for healthy.
+    pub unadapted: Walks,
+    /// Those of PPO-Unaware.
+    pub unaware: Option<Walks>,
 }
 
 impl Trial {

@@ -12,33 +12,22 @@
 mod config;
 mod event;
 mod robot;
+mod skills;
 mod suspicion;
 
 use dappo_sim::backend::{Backend, Reset};
 
-use crate::diagnose::{Diagnoser, Expert, TwinAction};
-use crate::error::{LearnError, Result, check_length};
+use crate::diagnose::{TwinAction, Window};
+use crate::error::{Result, check_length};
 use crate::evaluate::Policy;
 use crate::fleet::Fleet;
 use crate::normalizer::CLIP;
-use crate::ppo::Ppo;
 
 pub use config::{ControllerConfig, Trigger};
 pub use event::{Event, EventKind};
 use robot::Robot;
+pub use skills::Skills;
 use suspicion::Evidence;
-
-/// What a controller has learned.
-pub struct Skills {
-    /// The damage-aware policy.
-    pub policy: Ppo,
-    /// The policy that walks while the diagnoser watches, as it did in the diagnoser's training.
-    pub expert: Expert,
-    /// The diagnoser.
-    pub diagnoser: Diagnoser,
-    /// Forward velocity of the policy when it is told the truth, m/s, one a damage class.
-    pub baselines: Vec<f64>,
-}
 
 /// Controls N robots, each by itself. O = length of an observation without damage code, A = of an action.
 pub struct Controller {
@@ -62,7 +51,7 @@ impl Controller {
     /// A controller of as many robots as `twins` simulates.
     pub fn new(skills: Skills, config: ControllerConfig, twins: Box<dyn Backend>) -> Result<Self> {
         config.check()?;
-        check_skills(&skills, twins.as_ref())?;
+        skills.check(twins.as_ref())?;
         let robots = twins.num_envs();
         let (obs_dim, action_dim) = (twins.task().obs_dim(), twins.task().layout().nu);
         let codes = &skills.diagnoser.description().subject.codes;
@@ -212,7 +201,7 @@ impl Controller {
         let residual = predicted.map(|twin| distance(twin, observed, &self.scale));
         let expected = self.skills.baselines[robot.class];
         if let Some(evidence) = robot.suspicion.weigh(&self.config, velocity, residual, expected) {
-            robot.examination = Some(crate::diagnose::Window::default());
+            robot.examination = Some(Window::default());
             let Evidence { forward_velocity, residual } = evidence;
             self.event(index, EventKind::Suspected { forward_velocity, expected, residual });
         }
@@ -302,37 +291,6 @@ impl Controller {
         }
         self.twins.step(&actions, &skip_step)
     }
-}
-
-/// Fails unless all parts know the same robot and the same damage classes.
-fn check_skills(skills: &Skills, twins: &dyn Backend) -> Result<()> {
-    let Skills { policy, expert, diagnoser, baselines } = skills;
-    let description = diagnoser.description();
-    let subject = &description.subject;
-    let code_length = policy.normalizer().code_length();
-    if code_length == 0 {
-        return Err(LearnError::Invalid(
-            "the policy does not observe the damage, so that it cannot adapt to it; train one without --unaware"
-                .into(),
-        ));
-    }
-    let obs_dim = twins.task().obs_dim();
-    for (part, got, expected) in [
-        ("entries in an observation of the policy", policy.normalizer().mean().len(), obs_dim),
-        ("entries in the damage code of the policy", code_length, subject.code_length()),
-        ("entries in an observation of the expert", expert.obs_dim(), obs_dim),
-        ("entries in an observation of the diagnoser", description.obs_dim, obs_dim),
-        ("entries in an action of the diagnoser", description.action_dim, twins.task().layout().nu),
-        ("damage classes of the diagnoser", subject.classes(), twins.num_classes()),
-        ("baselines", baselines.len(), subject.classes()),
-    ] {
-        if got != expected {
-            return Err(LearnError::Invalid(format!(
-                "there are {got} {part}, expected {expected}; policy, expert and diagnoser must be of one robot"
-            )));
-        }
-    }
-    Ok(())
 }
 
 /// Root mean square of the difference between two observations over the entries whose `scale` is not 0, in standard

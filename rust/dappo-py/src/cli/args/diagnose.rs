@@ -184,7 +184,7 @@ pub struct SweepArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "5")]
     pub seeds: i64,
     /// Samples that a cell is trained on, about, counting each time it is seen
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "1500000")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "600000")]
     pub samples: i64,
     /// Any other setting of the trainings, for example dropout=0.2
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
