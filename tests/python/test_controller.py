@@ -214,6 +214,14 @@ def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) 
     assert np.isfinite(make(parts).act(np.full(111, np.nan), np.nan)).all()
 
 
+def test_readings_beyond_all_bounds_end_in_finite_actions(parts: Path) -> None:
+    controller = make(parts)
+    for reading in (1e30, -1e30, 0.0, 1e-40):
+        for _ in range(100):
+            assert np.isfinite(controller.act(np.full(111, reading), reading)).all()
+    assert "suspected" in kinds(controller)
+
+
 def test_contact_forces_that_are_off_and_little_noise_raise_no_suspicion(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
     rng = np.random.default_rng(0)

@@ -271,10 +271,10 @@ impl Controller {
             skip_step[index] = robot.examination.is_none() && !watches;
             robot.has_prediction = !skip_step[index];
         }
+        self.twins.set_classes(&classes)?;
         if !skip_step.contains(&false) {
             return Ok(());
         }
-        self.twins.set_classes(&classes)?;
         if skip_sync.contains(&false) {
             self.twins.put_beside(&self.obs, &skip_sync)?;
         }
