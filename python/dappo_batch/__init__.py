@@ -17,6 +17,7 @@ from dappo_batch._core import (
     SimulationError,
 )
 from dappo_batch.class_table import ClassTable, compile_class_table
+from dappo_batch.controller import Controller
 from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
 from dappo_batch.robots import ROBOTS, Robot, load_robot
 
@@ -25,6 +26,7 @@ __all__ = [
     "CheckpointError",
     "ClassTable",
     "ConfigError",
+    "Controller",
     "DamageClass",
     "DamageEnv",
     "DamageSpace",

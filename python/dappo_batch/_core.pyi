@@ -1,7 +1,8 @@
 """The Rust core: damage classes, the vector env, the command line and the exceptions."""
 
 from collections.abc import Sequence
-from typing import final
+from pathlib import Path
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from dappo_batch.class_table import ClassTable
 __all__ = [
     "CheckpointError",
     "ConfigError",
+    "Controller",
     "DamageClass",
     "DamageSpace",
     "DappoError",
@@ -159,5 +161,33 @@ class LaneWorlds:
         ctrl: NDArray[np.float64],
         substeps: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+class Controller:
+    """The run-time loop of N robots; `dappo_batch.Controller` gives it a face."""
+
+    def __new__(
+        cls,
+        run: Path,
+        *,
+        diagnoser: Path,
+        expert: Path | None = None,
+        num_robots: int = 1,
+        trigger: str = "residual",
+        settings: Sequence[str] = ...,
+    ) -> Controller: ...
+    @property
+    def num_robots(self) -> int: ...
+    @property
+    def obs_dim(self) -> int: ...
+    @property
+    def action_dim(self) -> int: ...
+    @property
+    def class_names(self) -> list[str]: ...
+    @property
+    def damage_classes(self) -> NDArray[np.int64]: ...
+    def act(self, obs: NDArray[np.float32], forward_velocity: NDArray[np.float64]) -> NDArray[np.float32]: ...
+    def reset(self, mask: Sequence[bool] | None = None) -> None: ...
+    def take_events(self) -> list[dict[str, Any]]: ...
 
 def run_cli(argv: Sequence[str]) -> int: ...

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +56,19 @@ def start(*arguments: str | Path) -> subprocess.Popen[str]:
     """Start the command line without waiting for its end."""
     command = [*PROGRAM, *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def interrupt_when(condition: Callable[[], bool], *arguments: str | Path) -> str:
+    """Start the command line and send Ctrl-C once the condition holds; return its standard error."""
+    process = start(*arguments)
+    deadline = time.monotonic() + 60
+    while not condition() and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, (arguments, process.returncode, err)
+    return err
 
 
 def read_lines(text: str) -> list[dict[str, Any]]:

@@ -14,14 +14,14 @@ import pytest
 from numpy.typing import NDArray
 
 from dappo_batch import ConfigError, SimulationError, bench
-from dappo_batch.bench import training
+from dappo_batch.bench import products, training
 from dappo_batch.bench.contenders import Unavailable
 from dappo_batch.bench.learner import TrainingFailed, TrainingRun
 from dappo_batch.bench.machine import limited_to, thread_limits
 from dappo_batch.bench.training import bound, envpool_torch, report, trainers
 from dappo_batch.bench.training.task import Task, pass_flops
 from dappo_batch.bench.training.trainers import Sample
-from dappo_batch.bench.training.worker import Worker, WorkerFailed
+from dappo_batch.bench.worker import Worker, WorkerFailed
 
 ALL_KEYS = {kind.key for kind in training.TRAINERS}
 TINY = Task(threads=1, num_envs=2, horizon=16)
@@ -324,7 +324,7 @@ def test_a_peer_that_cannot_start_is_unavailable_and_one_that_fails_is_an_error(
 
 
 def test_matrix_products_are_counted_as_such() -> None:
-    found = bound.Sgemm(TINY)
+    found = products.Sgemm(products.Threads(1))
     assert 1e8 < found.answer(0.05)["flops"] < 1e14
     assert np.__version__ in found.note
     np.testing.assert_allclose(found._out, found._left @ found._right, atol=1e-3)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import resource
-import signal
 import subprocess
-import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from numpy.typing import NDArray
 import dappo_batch as package
 
 from .burnpack import read_burnpack
-from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, start
+from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
 
 CLASSES = 9
 STEPS = 6
@@ -116,8 +114,9 @@ def test_numpy_maps_the_records_that_the_header_describes(collected: Collected, 
     classes = package.DamageSpace(4, ["jammed_joint", "missing_toe"], 1).classes
     for way, folder in collected.items():
         header = json.loads((folder / "dataset.json").read_text())
-        assert header["robot"] == "ant"
-        assert header["classes"] == [entry.name for entry in classes]
+        assert header["subject"]["robot"] == "ant"
+        assert header["subject"]["class_names"] == [entry.name for entry in classes]
+        assert header["subject"]["codes"] == [entry.code for entry in classes]
         assert header["seed"] == 3
         assert header["expert"]["run"] == str(expert)
         assert header["expert"] == header["walker"]
@@ -188,15 +187,8 @@ def test_what_a_kill_leaves_behind_the_last_record_is_written_anew(expert: Path,
 def test_ctrl_c_keeps_whole_blocks_and_the_same_command_goes_on(expert: Path, tmp_path: Path) -> None:
     out, reference = tmp_path / "data", tmp_path / "reference"
     command = arguments(expert, out, "--preset", "runtime", rollouts=340)
-    process = start(*command)
     path = out / "rollouts-000000.npy"
-    deadline = time.monotonic() + 60
-    while not (path.exists() and path.stat().st_size > 10_000) and process.poll() is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
+    err = interrupt_when(lambda: path.exists() and path.stat().st_size > 10_000, *command)
     assert "the same command goes on" in err
     assert 0 < len(records(out)) < 340
     dappo_batch(*command)

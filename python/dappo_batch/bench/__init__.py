@@ -11,10 +11,10 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from dappo_batch._core import ConfigError, SimulationError
-from dappo_batch.bench import training
+from dappo_batch.bench import diagnoser, training
+from dappo_batch.bench.arguments import options, parse
 from dappo_batch.bench.contenders import (
     Contender,
     LanesF32,
@@ -26,7 +26,7 @@ from dappo_batch.bench.contenders import (
     MujocoRollout,
     RawStep,
 )
-from dappo_batch.bench.entry import enter
+from dappo_batch.bench.entry import Entrant, absent, enter
 from dappo_batch.bench.learner import learner_share
 from dappo_batch.bench.machine import cores, describe
 from dappo_batch.bench.measure import measure_rounds, peak_memory_mb
@@ -142,24 +142,18 @@ def main(argv: Sequence[str]) -> int:
     argv : sequence of str
         The arguments behind ``bench``.
     """
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    if arguments.training and (arguments.robot != "ant" or arguments.no_learner):
-        parser.error("--training is about the Ant and its learner: it takes neither --robot nor --no-learner")
-    if not arguments.training and (arguments.horizon, arguments.iterations) != (None, None):
-        parser.error("--horizon and --iterations belong to --training")
+    arguments = parse(argv)
     if arguments.list:
         _print_list(arguments)
         return 0
-    # What was not given is left to the default of the function.
-    given = {"num_envs": arguments.envs, "horizon": arguments.horizon, "iterations": arguments.iterations}
-    common: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    common |= {"threads": arguments.threads, "seconds": arguments.seconds, "rounds": arguments.rounds}
-    report: Report | training.TrainingReport
+    given = options(arguments)
+    report: Report | training.TrainingReport | diagnoser.DiagnoserReport
     if arguments.training:
-        report = training.run(**common, progress=_say)
+        report = training.run(**given, progress=_say)
+    elif arguments.diagnoser:
+        report = diagnoser.run(**given, progress=_say)
     else:
-        report = run(arguments.robot, **common, learner=not arguments.no_learner, progress=_say)
+        report = run(**given, progress=_say)
     print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.text())
     return 0
 
@@ -171,12 +165,14 @@ def _say(what: str) -> None:
 
 
 def _print_list(arguments: argparse.Namespace) -> None:
-    kinds: Sequence[type[Contender | training.Trainer]]
-    if arguments.training:
-        kinds, missing = training.TRAINERS, training.absent()
+    kinds: Sequence[type[Contender | Entrant]]
+    if arguments.training or arguments.diagnoser:
+        entrants: Sequence[type[Entrant]] = training.TRAINERS if arguments.training else diagnoser.TRAINERS
+        kinds, missing = entrants, absent(entrants)
     else:
         kinds = CONTENDERS
-        contenders, missing = _enter(Workload.of(arguments.robot, num_envs=1, threads=1), lambda _: None)
+        workload = Workload.of(arguments.robot or "ant", num_envs=1, threads=1)
+        contenders, missing = _enter(workload, lambda _: None)
         for contender in contenders:
             contender.close()
     reasons = {one.key: one for one in missing}
@@ -197,27 +193,3 @@ def _print_list(arguments: argparse.Namespace) -> None:
         cure = f"; to install it: {row['install']}" if row["install"] else ""
         remark = "" if row["available"] else f" [{row['reason']}{cure}]"
         print(f"{row['key']:25} {row['about']}{remark}")
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="dappo-batch bench",
-        description="Env steps per second and processor time of this package beside other simulators, "
-        "interleaved in one process; with --training, those of complete training beside other libraries.",
-    )
-    sample = "least length of a sample, with --training of a sample of the machine [default: 2]"
-    rounds = "samples a contender, interleaved [default: 5]"
-    add = parser.add_argument
-    add("--training", action="store_true", help="measure rollout and update of PPO on the healthy Ant")
-    add("--robot", default="ant", metavar="NAME|FILE", help="robot to simulate [default: ant]")
-    add("--envs", type=int, metavar="N", help="environments [default: 4096, with --training 16]")
-    add("--horizon", type=int, metavar="T", help="with --training: env steps of an iteration [default: 512]")
-    iterations = "with --training: iterations of a sample [default: 3]"
-    add("--iterations", type=int, metavar="N", help=iterations)
-    add("--threads", type=int, metavar="N", help="threads of each contender [default: all cores]")
-    add("--seconds", type=float, default=2.0, metavar="S", help=sample)
-    add("--rounds", type=int, default=5, metavar="N", help=rounds)
-    add("--no-learner", action="store_true", help="leave out the training run")
-    add("--list", action="store_true", help="list the contenders and what they need")
-    add("--json", action="store_true", help="print JSON")
-    return parser

@@ -16,7 +16,15 @@ from typing import Any
 
 from dappo_batch.bench.machine import thread_limits
 
-__all__ = ["LearnerShare", "TrainingFailed", "TrainingRun", "command_line", "learner_share", "train"]
+__all__ = [
+    "LearnerShare",
+    "TrainingFailed",
+    "TrainingRun",
+    "command_line",
+    "learner_share",
+    "read_metrics",
+    "train",
+]
 
 _PROGRAM = "from dappo_batch.cli import main; main()"
 _UNREADABLE = "the run folder does not say it"
@@ -129,15 +137,30 @@ class TrainingRun:
         """
         try:
             config = tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))
-            lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
-            metrics = tuple(json.loads(line) for line in lines)
+            metrics = read_metrics(folder)
             newest = max((folder / "checkpoints").iterdir())
             learner = tomllib.loads((newest / "learner.toml").read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise TrainingFailed(f"{_UNREADABLE}: {type(error).__name__}: {error}") from error
-        if not metrics:
-            raise TrainingFailed("the run has no metrics: training ended before its first iteration")
         return cls(config, metrics, learner)
+
+
+def read_metrics(folder: Path) -> tuple[dict[str, Any], ...]:
+    """Read ``metrics.jsonl`` of a training, of whatever it is that was trained.
+
+    Raises
+    ------
+    TrainingFailed
+        If it is missing, empty, or not what it should be.
+    """
+    try:
+        lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+        metrics = tuple(json.loads(line) for line in lines)
+    except (OSError, ValueError) as error:
+        raise TrainingFailed(f"{_UNREADABLE}: {type(error).__name__}: {error}") from error
+    if not metrics:
+        raise TrainingFailed("the run has no metrics: training ended before its first line")
+    return metrics
 
 
 def train(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> TrainingRun:

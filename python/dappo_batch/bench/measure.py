@@ -11,11 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from typing import TypeVar
 
 from dappo_batch._core import SimulationError
 from dappo_batch.bench.contenders import Contender
 
-__all__ = ["Sample", "Spread", "measure_rounds", "peak_memory_mb", "ratios"]
+__all__ = ["Sample", "Spread", "measure_rounds", "peak_memory_mb", "ratios", "rotated"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,12 @@ def _cpu_seconds() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
+def rotated(contenders: Sequence[T], number: int) -> list[T]:
+    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
+    shift = number % max(1, len(contenders))
+    return [*contenders[shift:], *contenders[:shift]]
+
+
 def measure_rounds(
     contenders: Sequence[Contender],
     seconds: float,
@@ -85,7 +94,7 @@ def measure_rounds(
     """Time all contenders `rounds` times.
 
     Whatever else the machine does meanwhile, and however its clock changes, hits neighbours in a round alike;
-    so numbers are compared within a round. The order rotates, because each leaves caches behind for the next.
+    so numbers are compared within a round. The order rotates, see `rotated`.
 
     Parameters
     ----------
@@ -108,8 +117,7 @@ def measure_rounds(
         contender.warm_up()
     samples: dict[str, list[Sample]] = {contender.key: [] for contender in contenders}
     for number in range(rounds):
-        shift = number % len(contenders)
-        for contender in (*contenders[shift:], *contenders[:shift]):
+        for contender in rotated(contenders, number):
             progress(f"round {number + 1} of {rounds}: {contender.key}")
             cpu, wall = _cpu_seconds(), time.perf_counter()
             steps = contender.run_for(seconds)

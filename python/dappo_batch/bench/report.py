@@ -9,7 +9,7 @@ from typing import Any
 from dappo_batch.bench.learner import LearnerShare
 from dappo_batch.bench.measure import Sample, Spread, ratios
 
-__all__ = ["BASE", "Missing", "Report", "Result", "results", "table"]
+__all__ = ["BASE", "Missing", "Report", "Result", "machine_text", "results", "table"]
 
 BASE = "mj_step"
 """Key of the contender that all others are compared with."""
@@ -30,6 +30,15 @@ class Missing:
         """Say what is missing, why, and what would change it."""
         cure = f"; to install it: {self.install}" if self.install else ""
         return f"not measured: {self.key}: {self.reason}{cure}"
+
+
+def machine_text(machine: Mapping[str, Any]) -> str:
+    """Return two lines about a machine that `describe` has described."""
+    load = "unknown" if machine["load_average"] is None else f"{machine['load_average']:.2f}"
+    return (
+        f"{machine['cpu']}, {machine['cores']} cores, load average {load} at the start\n"
+        f"mujoco {machine['mujoco']}, numpy {machine['numpy']}, Python {machine['python']}"
+    )
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -135,11 +144,9 @@ class Report:
         return "\n\n".join(part for part in parts if part)
 
     def _machine(self) -> str:
-        machine, settings = self.machine, self.settings
-        load = "unknown" if machine["load_average"] is None else f"{machine['load_average']:.2f}"
+        settings = self.settings
         return (
-            f"{machine['cpu']}, {machine['cores']} cores, load average {load} at the start\n"
-            f"mujoco {machine['mujoco']}, numpy {machine['numpy']}, Python {machine['python']}\n"
+            f"{machine_text(self.machine)}\n"
             f"robot {settings['robot']}: {settings['num_envs']} envs, {settings['threads']} threads, "
             f"{settings['rounds']} rounds of {settings['seconds']:g} s each, medians (lowest to highest)"
         )

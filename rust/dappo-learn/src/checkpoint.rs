@@ -10,6 +10,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use dappo_sim::VectorEnv;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::cpu;
@@ -25,6 +26,12 @@ const MANIFEST: &str = "manifest.json";
 /// Where a checkpoint is written before it gets its number.
 const TEMPORARY: &str = ".new.tmp";
 
+/// Where a training of some kind stood.
+pub trait Position: Copy + Serialize + DeserializeOwned {
+    /// What its checkpoints are numbered by.
+    fn number(&self) -> u64;
+}
+
 /// Where a run stood.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -37,12 +44,18 @@ pub struct Progress {
     pub stage: usize,
 }
 
+impl Position for Progress {
+    fn number(&self) -> u64 {
+        self.iteration
+    }
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Manifest {
+struct Manifest<P> {
     format: String,
     robot: String,
-    progress: Progress,
+    progress: P,
     files: Vec<FileEntry>,
 }
 
@@ -56,23 +69,23 @@ struct FileEntry {
 
 /// A checkpoint on disk whose files have been verified.
 #[derive(Debug, Clone)]
-pub struct Checkpoint {
+pub struct Checkpoint<P = Progress> {
     /// Its folder.
     pub folder: PathBuf,
     /// Where the run stood.
-    pub progress: Progress,
+    pub progress: P,
 }
 
-impl Checkpoint {
+impl<P: Position> Checkpoint<P> {
     /// Writes a checkpoint: `fill` puts its files into the folder it is given. Older ones beyond `keep` go.
     pub fn write(
         checkpoints: &Path,
         robot: &str,
-        progress: Progress,
+        progress: P,
         keep: usize,
         fill: impl FnOnce(&Path) -> Result<()>,
     ) -> Result<()> {
-        let name = format!("{:08}", progress.iteration);
+        let name = format!("{:08}", progress.number());
         let (temporary, folder) = (checkpoints.join(TEMPORARY), checkpoints.join(&name));
         remove_folder(&temporary)?;
         fs::create_dir_all(&temporary).map_err(io(&temporary))?;
@@ -91,11 +104,6 @@ impl Checkpoint {
         Ok(())
     }
 
-    /// Whether a run has a checkpoint.
-    pub fn any(checkpoints: &Path) -> Result<bool> {
-        Ok(!numbered(checkpoints)?.is_empty())
-    }
-
     /// Opens the newest checkpoint of a run and verifies it.
     pub fn newest(checkpoints: &Path, robot: &str) -> Result<Self> {
         let newest = numbered(checkpoints)?.pop();
@@ -108,7 +116,7 @@ impl Checkpoint {
         let path = folder.join(MANIFEST);
         let text = fs::read_to_string(&path)
             .map_err(|error| broken(&path, format!("it cannot be read ({error}); this is no checkpoint")))?;
-        let manifest: Manifest = serde_json::from_str(&text).map_err(|error| {
+        let manifest: Manifest<P> = serde_json::from_str(&text).map_err(|error| {
             broken(&path, format!("it is truncated or foreign ({error}); use an older checkpoint"))
         })?;
         if manifest.format != FORMAT {
@@ -124,6 +132,13 @@ impl Checkpoint {
             verify(&folder.join(&file.name), file)?;
         }
         Ok(Self { folder: folder.to_owned(), progress: manifest.progress })
+    }
+}
+
+impl Checkpoint {
+    /// Whether a run has a checkpoint.
+    pub fn any(checkpoints: &Path) -> Result<bool> {
+        Ok(!numbered(checkpoints)?.is_empty())
     }
 
     /// CRC-32 of the manifest, which lists the CRC-32 of every file: equal for equal checkpoints.
@@ -252,7 +267,7 @@ mod tests {
         for iteration in [1, 2, 3] {
             write(&at, iteration, "content");
         }
-        assert_eq!(Checkpoint::newest(&at, "ant").unwrap().progress.iteration, 3);
+        assert_eq!(Checkpoint::<Progress>::newest(&at, "ant").unwrap().progress.iteration, 3);
         assert_eq!(numbered(&at).unwrap().len(), 2);
         fs::remove_dir_all(at).unwrap();
     }
@@ -263,7 +278,7 @@ mod tests {
         write(&at, 1, "content");
         fs::create_dir_all(at.join(TEMPORARY)).unwrap();
         fs::write(at.join(TEMPORARY).join("weights"), "cont").unwrap();
-        assert_eq!(Checkpoint::newest(&at, "ant").unwrap().progress.iteration, 1);
+        assert_eq!(Checkpoint::<Progress>::newest(&at, "ant").unwrap().progress.iteration, 1);
         fs::remove_dir_all(at).unwrap();
     }
 
@@ -272,7 +287,9 @@ mod tests {
         let at = folder("refused");
         write(&at, 1, "content");
         let weights = at.join("00000001/weights");
-        let message = |expected_robot: &str| Checkpoint::newest(&at, expected_robot).unwrap_err().to_string();
+        let message = |expected_robot: &str| {
+            Checkpoint::<Progress>::newest(&at, expected_robot).unwrap_err().to_string()
+        };
         assert!(message("hexapod").contains("belongs to robot `ant`"));
         fs::write(&weights, "conte").unwrap();
         assert!(message("ant").contains("weights") && message("ant").contains("5 bytes, expected 7"));

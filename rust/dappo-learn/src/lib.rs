@@ -11,19 +11,23 @@
 //! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
 //! parallel sums are formed in an order that does not depend on the number of threads.
 
+pub mod adapt;
 pub mod checkpoint;
 pub mod config;
+pub mod controller;
 pub mod diagnose;
 pub mod envs;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
 mod files;
+mod fleet;
 pub mod gae;
 pub mod metrics;
 pub mod nn;
 pub mod normalizer;
 pub mod ppo;
+mod records;
 pub mod rollout;
 pub mod run_folder;
 pub mod train;

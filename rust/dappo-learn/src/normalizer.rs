@@ -180,9 +180,13 @@ impl Normalizer {
 
     /// What is subtracted from the entries before the code, and what they are multiplied by then.
     fn shift_and_scale(&self) -> (Vec<f32>, Vec<f32>) {
-        let shift = self.mean.iter().map(|mean| *mean as f32).collect();
-        let scale = self.variance().iter().map(|var| (1.0 / (var + EPSILON).sqrt()) as f32).collect();
-        (shift, scale)
+        (self.mean.iter().map(|mean| *mean as f32).collect(), self.scale())
+    }
+
+    /// 1 / standard deviation of every entry before the code.
+    #[must_use]
+    pub fn scale(&self) -> Vec<f32> {
+        self.variance().iter().map(|var| (1.0 / (var + EPSILON).sqrt()) as f32).collect()
     }
 }
 

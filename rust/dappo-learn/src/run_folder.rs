@@ -1,7 +1,6 @@
 //! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
 
-use std::fs::{self, OpenOptions};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -9,7 +8,7 @@ use serde::Serialize;
 use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
-use crate::metrics::Metrics;
+use crate::metrics::{Metrics, MetricsFile};
 
 /// The folder of one training run.
 #[derive(Debug, Clone)]
@@ -94,8 +93,21 @@ impl RunFolder {
         write_atomically(&self.root.join("eval").join(name), table.as_bytes())
     }
 
-    fn metrics_path(&self) -> PathBuf {
-        self.root.join("metrics.jsonl")
+    /// Reads a table from `eval/`.
+    pub fn read_evaluation(&self, name: &str) -> Result<String> {
+        let path = self.root.join("eval").join(name);
+        if !path.exists() {
+            return Err(LearnError::Invalid(format!(
+                "{} does not exist; `dappo-batch evaluate {}` writes it",
+                path.display(),
+                self.root.display()
+            )));
+        }
+        fs::read_to_string(&path).map_err(io(&path))
+    }
+
+    fn metrics(&self) -> MetricsFile {
+        MetricsFile::new(self.root.join("metrics.jsonl"))
     }
 
     /// Notes a new budget of env steps in `config.toml`.
@@ -110,7 +122,7 @@ impl RunFolder {
     /// Whether an iteration has been reported.
     #[must_use]
     pub fn has_metrics(&self) -> bool {
-        self.metrics_path().exists()
+        self.metrics().exists()
     }
 
     fn write_meta(&self, meta: &Meta) -> Result<()> {
@@ -122,30 +134,11 @@ impl RunFolder {
 
     /// Appends one line to `metrics.jsonl`.
     pub fn append_metrics(&self, metrics: &Metrics) -> Result<()> {
-        let path = self.metrics_path();
-        let mut line =
-            serde_json::to_string(metrics).map_err(|error| LearnError::Invalid(error.to_string()))?;
-        line.push('\n');
-        let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(io(&path))?;
-        file.write_all(line.as_bytes()).map_err(io(&path))?;
-        // A checkpoint must not outlive the lines that led to it.
-        file.sync_data().map_err(io(&path))
+        self.metrics().append(metrics)
     }
 
     /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run goes on from there.
     pub fn rewind_metrics(&self, iteration: u64) -> Result<()> {
-        let path = self.metrics_path();
-        if !path.exists() {
-            return Ok(());
-        }
-        // A line cut short may end inside a character.
-        let bytes = fs::read(&path).map_err(io(&path))?;
-        let text = String::from_utf8_lossy(&bytes);
-        let is_kept = |line: &&str| {
-            let parsed: Option<serde_json::Value> = serde_json::from_str(line).ok();
-            parsed.and_then(|value| value["iteration"].as_u64()).is_some_and(|number| number <= iteration)
-        };
-        let kept: String = text.lines().filter(is_kept).flat_map(|line| [line, "\n"]).collect();
-        write_atomically(&path, kept.as_bytes())
+        self.metrics().rewind("iteration", iteration)
     }
 }

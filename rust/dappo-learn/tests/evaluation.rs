@@ -10,7 +10,7 @@ use std::cell::RefCell;
 use counter::{CODE, Counter, ROBOT, ROW};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate};
+use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate, evaluate_told};
 use dappo_sim::{Backend, DamageSpace, Precision, Robot, SimError};
 
 const CLASSES: usize = 33;
@@ -242,4 +242,20 @@ fn an_evaluation_that_is_asked_to_stop_has_no_result() {
     };
     let found = evaluate(&policy, &config(1, true), Encoding::True, &Factory::new(2), &stop).unwrap();
     assert_eq!((found, policy.seen.borrow().len()), (None, 2));
+}
+
+#[test]
+fn a_policy_can_be_told_any_class_about_any_robot() {
+    let policy = Recorder::new(|class, _| [class as f32, 0.0]);
+    let pairs = [(5, 0), (0, 7), (5, 5)];
+    let rewards =
+        evaluate_told(&policy, &config(2, true), &pairs, &Factory::new(2), &|| false).unwrap().unwrap();
+    // The counter's forward velocity is ten times the step of the episode.
+    assert_eq!(rewards, [60.0; 3]);
+    for obs in policy.seen.into_inner() {
+        for (env, row) in obs.chunks_exact(ROW + CODE).map(read).enumerate() {
+            let (class, told) = pairs[env / 2];
+            assert_eq!((row.class, row.code), (class, code_of(told).as_slice()));
+        }
+    }
 }

@@ -53,7 +53,7 @@ impl TableFactory {
     }
 
     /// The backend that the configuration means for this robot.
-    pub fn backend(&self) -> BackendKind {
+    pub fn backend_kind(&self) -> BackendKind {
         self.choice.kind()
     }
 
@@ -64,7 +64,8 @@ impl TableFactory {
 
     /// A line about the backend: which, how precise, and why not the faster one.
     pub fn describe(&self, wanted: Precision) -> String {
-        let (name, precision, note) = (self.backend().name(), self.precision(wanted), self.choice.note());
+        let (name, precision, note) =
+            (self.backend_kind().name(), self.precision(wanted), self.choice.note());
         if note.is_empty() {
             format!("backend {name}, {precision}")
         } else {
@@ -80,9 +81,9 @@ impl TableFactory {
     }
 }
 
-/// A TOML table as a Python dict, by way of JSON.
-fn to_python<'py>(py: Python<'py>, table: &toml::Table) -> PyResult<Bound<'py, PyAny>> {
-    let text = serde_json::to_string(table).map_err(|error| raise(Kind::Config, error.to_string()))?;
+/// A value as Python's own types, by way of JSON.
+pub fn to_python<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value).map_err(|error| raise(Kind::Config, error.to_string()))?;
     py.import("json")?.call_method1("loads", (text,))
 }
 

@@ -2,6 +2,7 @@
 
 mod class_table;
 mod cli;
+mod controller;
 mod damage;
 mod errors;
 mod factory;
@@ -18,6 +19,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<damage::PyDamageClass>()?;
     module.add_class::<damage::PyDamageSpace>()?;
     module.add_class::<vector_env::PyVectorEnv>()?;
+    module.add_class::<controller::PyController>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())

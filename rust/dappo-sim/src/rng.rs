@@ -10,6 +10,7 @@ const ROUNDS: usize = 10;
 
 /// One block of four random words.
 #[must_use]
+#[inline]
 pub fn philox4x32(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
     for round in 0..ROUNDS {
         if round > 0 {
@@ -93,6 +94,20 @@ impl Stream {
         self.buffer[self.used - 1]
     }
 
+    /// Fills `words` with what as many calls of [`Stream::next_u32`] would return, several times as fast.
+    pub fn fill(&mut self, words: &mut [u32]) {
+        let buffered = (4 - self.used).min(words.len());
+        let (first, rest) = words.split_at_mut(buffered);
+        first.fill_with(|| self.next_u32());
+        let (blocks, last) = rest.as_chunks_mut::<4>();
+        let (key, episode) = (self.key, [self.episode as u32, (self.episode >> 32) as u32]);
+        for block in blocks {
+            *block = philox4x32([self.block, self.purpose as u32, episode[0], episode[1]], key);
+            self.block = self.block.wrapping_add(1);
+        }
+        last.fill_with(|| self.next_u32());
+    }
+
     /// The next 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         u64::from(self.next_u32()) | u64::from(self.next_u32()) << 32
@@ -106,6 +121,13 @@ impl Stream {
     /// Uniform integer in [0, `bound`); 0 when `bound` is 0. The bias is below 2⁻³² · bound.
     pub fn below(&mut self, bound: u64) -> u64 {
         ((u128::from(self.next_u64()) * u128::from(bound)) >> 64) as u64
+    }
+
+    /// Puts `items` into random order (Fisher and Yates).
+    pub fn shuffle<T>(&mut self, items: &mut [T]) {
+        for last in (1..items.len()).rev() {
+            items.swap(last, self.below(last as u64 + 1) as usize);
+        }
     }
 
     /// Standard normal by Box and Muller (1958).
@@ -170,6 +192,35 @@ mod tests {
         let chi_square: f64 = counts.iter().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
         // 99.9 % quantile of χ² with 32 degrees of freedom (scipy.stats.chi2.ppf(.999, 32)).
         assert!(chi_square < 62.487, "χ² = {chi_square}");
+    }
+
+    #[test]
+    fn words_filled_at_once_are_those_drawn_one_by_one() {
+        for (drawn, length) in [(0, 0), (0, 9), (1, 2), (1, 30), (3, 8), (4, 1)] {
+            let (mut one_by_one, mut at_once) =
+                (Stream::new(7, 3, Purpose::Dropout), Stream::new(7, 3, Purpose::Dropout));
+            for _ in 0..drawn {
+                assert_eq!(one_by_one.next_u32(), at_once.next_u32());
+            }
+            let mut words = vec![0; length];
+            at_once.fill(&mut words);
+            assert!(words.iter().all(|&word| word == one_by_one.next_u32()));
+            assert_eq!(at_once.next_u64(), one_by_one.next_u64());
+        }
+    }
+
+    #[test]
+    fn all_orders_of_a_shuffle_are_equally_frequent() {
+        let mut stream = Stream::new(4, 0, Purpose::Split);
+        let mut counts = std::collections::BTreeMap::new();
+        for _ in 0..6000 {
+            let mut items = [0, 1, 2];
+            stream.shuffle(&mut items);
+            *counts.entry(items).or_insert(0_u32) += 1;
+        }
+        let chi_square: f64 = counts.values().map(|&c| (f64::from(c) - 1000.0).powi(2) / 1000.0).sum();
+        // 99.9 % quantile of χ² with 5 degrees of freedom (scipy.stats.chi2.ppf(.999, 5)).
+        assert!(counts.len() == 6 && chi_square < 20.515, "χ² = {chi_square}");
     }
 
     #[test]

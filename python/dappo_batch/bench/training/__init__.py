@@ -13,11 +13,9 @@ from functools import partial
 from typing import Any
 
 from dappo_batch._core import ConfigError
-from dappo_batch.bench.contenders import Unavailable
 from dappo_batch.bench.entry import enter
 from dappo_batch.bench.machine import cores, describe, limited_to
-from dappo_batch.bench.measure import Spread
-from dappo_batch.bench.report import Missing
+from dappo_batch.bench.measure import Spread, rotated
 from dappo_batch.bench.training.bound import Machine, Rates
 from dappo_batch.bench.training.report import Round, TrainingReport, results
 from dappo_batch.bench.training.task import Task
@@ -31,7 +29,7 @@ from dappo_batch.bench.training.trainers import (
     Trainer,
 )
 
-__all__ = ["TRAINERS", "Trainer", "TrainingReport", "absent", "run"]
+__all__ = ["TRAINERS", "Trainer", "TrainingReport", "run"]
 
 TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
 """Everything that may be measured; a new contender is a class like those here."""
@@ -131,21 +129,9 @@ def _measure(
         time.sleep(_PAUSE)
         rates: Rates = machine.measure(seconds)
         samples: dict[str, Sample] = {}
-        shift = number % max(1, len(trainers))
-        for trainer in (*trainers[shift:], *trainers[:shift]):
+        for trainer in rotated(trainers, number):
             progress(f"round {number + 1} of {rounds}: {trainer.key}")
             time.sleep(_PAUSE)
             samples[trainer.key] = trainer.train(iterations)
         found.append(Round(rates, samples))
     return found
-
-
-def absent() -> list[Missing]:
-    """Return the contenders whose packages are not installed."""
-    missing = []
-    for kind in TRAINERS:
-        try:
-            kind.require()
-        except Unavailable as reason:
-            missing.append(Missing(kind.key, str(reason), reason.install))
-    return missing

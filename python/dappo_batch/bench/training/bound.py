@@ -4,50 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass
 
 from dappo_batch.bench.contenders import Contender, LanesF32, RawStep
+from dappo_batch.bench.products import Products
 from dappo_batch.bench.training.task import Task
 from dappo_batch.bench.training.trainers import Sample
-from dappo_batch.bench.training.worker import Worker
 from dappo_batch.bench.workload import Workload
 
-__all__ = ["Bound", "Machine", "Rates", "Sgemm", "bound_of"]
+__all__ = ["Bound", "Machine", "Rates", "bound_of"]
 
-_SIZE = 1024
 _LANE_ENVS = 4096
-
-
-class Sgemm:
-    """NumPy's product of square float32 matrices, as a program of a worker."""
-
-    def __init__(self, task: Task) -> None:
-        rng = np.random.default_rng(task.seed)
-        self._left, self._right = rng.standard_normal((2, _SIZE, _SIZE), dtype=np.float32)
-        self._out = np.empty_like(self._left)
-        self.note = f"numpy {np.__version__} with {_blas()}"
-        self.answer(0.0)
-
-    def answer(self, number: float) -> dict[str, Any]:
-        """Multiply for at least `number` seconds; returns ``flops``, floating-point operations per second."""
-        start, count, elapsed = time.perf_counter(), 0, 0.0
-        while count == 0 or elapsed < number:
-            np.matmul(self._left, self._right, out=self._out)
-            count, elapsed = count + 1, time.perf_counter() - start
-        return {"flops": 2.0 * _SIZE**3 * count / elapsed}
-
-    def close(self) -> None:
-        """Free processes and memory."""
-
-
-def _blas() -> str:
-    """Return the name and version of the library that multiplies NumPy's matrices."""
-    known: Any = np.show_config(mode="dicts")
-    blas = known.get("Build Dependencies", {}).get("blas", {})
-    return f"{blas.get('name', 'unknown BLAS')} {blas.get('version', '')}".strip()
 
 
 @dataclass(frozen=True)
@@ -99,10 +66,8 @@ class Machine:
         self._physics = [kind(workload) for kind in kinds]
         for contender in self._physics:
             contender.warm_up()
-        # One thread too: on a busy machine it may do more than several, which wait for each other.
-        counts = sorted({1, task.threads})
-        self._sgemms = [Worker(f"{__name__}:Sgemm", replace(task, threads=count)) for count in counts]
-        self.note = f"{self._sgemms[0].note}, best of {' and '.join(map(str, counts))} threads"
+        self._products = Products(task.threads)
+        self.note = self._products.note
 
     def measure(self, seconds: float) -> Rates:
         """Measure each rate for at least `seconds`."""
@@ -111,11 +76,10 @@ class Machine:
             start = time.perf_counter()
             steps = contender.run_for(seconds)
             rates[contender.key] = steps / (time.perf_counter() - start)
-        return Rates(max(float(sgemm.ask(seconds)["flops"]) for sgemm in self._sgemms), rates)
+        return Rates(self._products.measure(seconds), rates)
 
     def close(self) -> None:
         """Free processes and memory."""
-        for sgemm in self._sgemms:
-            sgemm.close()
+        self._products.close()
         for contender in self._physics:
             contender.close()

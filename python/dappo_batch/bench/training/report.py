@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from dappo_batch.bench.measure import Spread
-from dappo_batch.bench.report import Missing, table
+from dappo_batch.bench.report import Missing, machine_text, table
 from dappo_batch.bench.training.bound import Bound, Rates, bound_of
 from dappo_batch.bench.training.trainers import EnvPoolTorch, Sample, StableBaselines, Trainer
 
@@ -134,11 +134,9 @@ class TrainingReport:
         return "\n\n".join(part for part in parts if part)
 
     def _head(self) -> str:
-        machine, settings = self.machine, self.settings
-        load = "unknown" if machine["load_average"] is None else f"{machine['load_average']:.2f}"
+        settings = self.settings
         return (
-            f"{machine['cpu']}, {machine['cores']} cores, load average {load} at the start\n"
-            f"mujoco {machine['mujoco']}, numpy {machine['numpy']}, Python {machine['python']}\n"
+            f"{machine_text(self.machine)}\n"
             f"PPO on the healthy Ant: batch of {settings['num_envs']} envs x {settings['horizon']} steps, "
             f"{settings['epochs']} epochs in minibatches of {settings['minibatch']}, "
             f"two nets of {'-'.join(map(str, settings['hidden']))} tanh units\n"

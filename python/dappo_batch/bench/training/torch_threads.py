@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import time
 from collections.abc import Callable
 
-__all__ = ["use_fastest"]
+from dappo_batch.bench.trial import fastest
 
-_TRIALS = 2  # the best of them counts: what interrupts one should not decide
+__all__ = ["use_fastest"]
 
 
 def use_fastest(most: int, iterate: Callable[[], object]) -> str:
@@ -18,14 +17,6 @@ def use_fastest(most: int, iterate: Callable[[], object]) -> str:
     can be several times as fast as two.
     """
     torch = importlib.import_module("torch")
-    iterate()  # what a first iteration allocates and loads must not decide
-    seconds = dict.fromkeys(sorted({1, most}), float("inf"))
-    for count in [*seconds] * _TRIALS:
-        torch.set_num_threads(count)
-        start = time.perf_counter()
-        iterate()
-        seconds[count] = min(seconds[count], time.perf_counter() - start)
-    best = min(seconds, key=lambda count: seconds[count])
-    torch.set_num_threads(best)
+    best, seconds = fastest(sorted({1, most}), torch.set_num_threads, iterate)
     found = ", ".join(f"{count}: {time:.2f}" for count, time in seconds.items())
     return f"torch with {best} of {most} threads, as the faster setting in a trial (s an iteration: {found})"

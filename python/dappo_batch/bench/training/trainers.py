@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import tomllib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,9 +10,10 @@ from typing import Any, ClassVar
 from dappo_batch._core import SimulationError
 from dappo_batch.bench import learner
 from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.entry import Entrant
 from dappo_batch.bench.learner import TrainingFailed, TrainingRun
 from dappo_batch.bench.training.task import Task, pass_flops
-from dappo_batch.bench.training.worker import Worker, WorkerFailed
+from dappo_batch.bench.worker import Worker, WorkerFailed
 
 __all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
 
@@ -51,52 +51,28 @@ class Sample:
         return self.env_steps / self.seconds
 
 
-class Trainer(ABC):
+class Trainer(Entrant, ABC):
     """A way to train.
 
     Attributes
     ----------
-    key : str
-        Name in tables and JSON.
-    about : str
-        What it is.
     physics : str
         The contender of `dappo_batch.bench` whose env steps per second bound its rollout.
-    packages : dict
-        What it needs beyond this package: name to import, name to install.
     num_envs, horizon : int
         Size of its batch.
-    note : str
-        Remarks on this very run, such as the version that was measured.
     """
 
-    key: ClassVar[str]
-    about: ClassVar[str]
     physics: ClassVar[str] = "mj_step"
-    packages: ClassVar[dict[str, str]] = {}
     num_envs: int
     horizon: int
-    note: str = ""
 
     def __init__(self, task: Task) -> None:
         self.require()
         self.num_envs, self.horizon = task.num_envs, task.horizon
 
-    @classmethod
-    def require(cls) -> None:
-        """Raise `Unavailable` if a package is missing."""
-        absent = [name for module, name in cls.packages.items() if importlib.util.find_spec(module) is None]
-        if absent:
-            verb = "is" if len(absent) == 1 else "are"
-            names = " and ".join(absent)
-            raise Unavailable(f"{names} {verb} not installed", f"pip install {' '.join(absent)}")
-
     @abstractmethod
     def train(self, iterations: int) -> Sample:
         """Train for some iterations, without a warm-up among them."""
-
-    def close(self) -> None:  # noqa: B027 (most have nothing to free)
-        """Free processes and memory."""
 
 
 # A run ends with an evaluation, which nobody measures; with fewer damage classes it is shorter. The training
@@ -223,7 +199,7 @@ class Peer(Trainer):
     Attributes
     ----------
     program : str
-        Module and class that the process runs, see `dappo_batch.bench.training.worker`.
+        Module and class that the process runs, see `dappo_batch.bench.worker`.
     """
 
     program: ClassVar[str]

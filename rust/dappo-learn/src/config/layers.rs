@@ -55,12 +55,16 @@ impl Layers {
         self.set(key.trim(), parsed.unwrap_or_else(|| toml::Value::String(value.trim().to_owned())))
     }
 
+    /// The layers as settings of any kind.
+    pub fn typed<T: serde::de::DeserializeOwned>(self) -> Result<T, LearnError> {
+        self.table.try_into().map_err(|error: toml::de::Error| {
+            LearnError::Invalid(format!("configuration refused: {}", error.to_string().trim_end()))
+        })
+    }
+
     /// The typed and checked configuration. `ppo.preset` chooses the values that `[ppo]` does not give, and
     /// without `horizon` it follows from the number of envs.
     pub fn resolve(mut self) -> Result<Config, LearnError> {
-        let refused = |error: toml::de::Error| {
-            LearnError::Invalid(format!("configuration refused: {}", error.to_string().trim_end()))
-        };
         if let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) {
             let name = ppo.remove("preset").unwrap_or_else(|| "paper".into());
             let name =
@@ -71,7 +75,7 @@ impl Layers {
             merge(ppo, given);
         }
         let horizon_is_given = self.table.contains_key("horizon");
-        let mut config: Config = self.table.try_into().map_err(refused)?;
+        let mut config: Config = self.typed()?;
         if !horizon_is_given {
             config.horizon = horizon_for(config.env.num_envs);
         }

@@ -124,6 +124,18 @@ impl Encoder {
         Ok(Self { obs_dim, code_length, source })
     }
 
+    /// The codes of given classes, each for as many episodes in a row.
+    ///
+    /// # Shapes
+    /// - `told`: `[N / episodes]`
+    pub fn told(env: &VectorEnv, space: &DamageSpace, told: &[usize]) -> Result<Self> {
+        let (obs_dim, code_length) = (env.obs_dim(), env.code_length());
+        Encoding::Wrong.check(code_length, space)?;
+        let (codes, episodes) = (space.codes(), env.num_envs() / told.len().max(1));
+        let code = |&class: &usize| codes[class * code_length..(class + 1) * code_length].repeat(episodes);
+        Ok(Self { obs_dim, code_length, source: Some(Source::Held(told.iter().flat_map(code).collect())) })
+    }
+
     /// The observations of the next step as the policy sees them: the code is the end of each row.
     ///
     /// # Shapes

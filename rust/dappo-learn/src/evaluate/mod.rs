@@ -18,7 +18,7 @@ pub use bootstrap::{CONFIDENCE, Estimate, Gain, RESAMPLES};
 pub use comparison::{ClassComparison, Comparison, RunEvaluation, RunSummary, Side, Summary};
 use encoding::Encoder;
 pub use encoding::Encoding;
-pub use tables::{ALL, ClassResult, Evaluation, GroupResult};
+pub use tables::{ALL, ClassResult, Evaluation, GroupResult, mean_velocities};
 
 /// Chooses actions from raw observations.
 pub trait Policy {
@@ -47,24 +47,77 @@ pub fn evaluate(
     stop: &dyn Fn() -> bool,
 ) -> Result<Option<Evaluation>> {
     let (episodes, space) = (config.evaluation.episodes, factory.space());
-    let envs = space.classes().len() * episodes;
-    // Episode e of every class starts from the same state, and so does that of every policy compared.
-    let starts = env_keys(config.evaluation.seed, episodes);
-    let keys: Vec<u64> = (0..envs).map(|env| starts[env % episodes]).collect();
-    let classes: Vec<usize> = (0..envs).map(|env| env / episodes).collect();
-    let mut env = factory.make(
-        VectorEnvConfig { keys: keys.clone(), autoreset: Autoreset::Disabled, ..factory.env_config(config)? },
-        config.env.reward.as_deref(),
-        config.evaluation.precision,
-    )?;
-    let mut encoder = Encoder::new(encoding, &env, space, &keys, &classes)?;
-    let assigned: Vec<Option<usize>> = classes.into_iter().map(Some).collect();
-    env.reset(ResetOptions { classes: Some(&assigned), ..ResetOptions::default() })?;
-    let Some(sums) = run_to_the_end(policy, &mut env, &mut encoder, stop)? else { return Ok(None) };
+    let classes: Vec<usize> = (0..space.classes().len()).collect();
+    let mut batch = Batch::new(config, factory, &classes)?;
+    let mut encoder = Encoder::new(encoding, &batch.env, space, &batch.keys, &batch.classes)?;
+    let Some(sums) = batch.run(policy, &mut encoder, stop)? else { return Ok(None) };
     let results =
         space.classes().iter().zip(sums.chunks_exact(episodes)).map(|(class, sums)| summarize(class, sums));
-    let (backend, precision) = (env.backend().name(), env.backend().precision());
+    let (backend, precision) = (batch.env.backend().name(), batch.env.backend().precision());
     Ok(Some(Evaluation::new(encoding, backend, precision, results.collect())))
+}
+
+/// What a wrong diagnosis costs: the mean forward reward of a policy on a robot with the first class of each pair
+/// that is told the second one, in the same episodes as [`evaluate`].
+pub fn evaluate_told(
+    policy: &dyn Policy,
+    config: &Config,
+    pairs: &[(usize, usize)],
+    factory: &dyn EnvFactory,
+    stop: &dyn Fn() -> bool,
+) -> Result<Option<Vec<f64>>> {
+    let (classes, told): (Vec<usize>, Vec<usize>) = pairs.iter().copied().unzip();
+    let mut batch = Batch::new(config, factory, &classes)?;
+    let mut encoder = Encoder::told(&batch.env, factory.space(), &told)?;
+    let sums = batch.run(policy, &mut encoder, stop)?;
+    let means = |sums: Vec<EpisodeSums>| {
+        sums.chunks_exact(config.evaluation.episodes)
+            .map(|sums| moments(sums.iter().map(|sum| sum.forward)).0)
+            .collect()
+    };
+    Ok(sums.map(means))
+}
+
+/// The episodes of several damage classes, those of a class side by side.
+struct Batch {
+    env: VectorEnv,
+    /// Random key of each episode. Episode e of every class starts from the same state, and so does that of every
+    /// policy compared.
+    keys: Vec<u64>,
+    /// Damage class of each episode.
+    classes: Vec<usize>,
+}
+
+impl Batch {
+    fn new(config: &Config, factory: &dyn EnvFactory, classes: &[usize]) -> Result<Self> {
+        let episodes = config.evaluation.episodes;
+        let starts = env_keys(config.evaluation.seed, episodes);
+        let keys: Vec<u64> = classes.iter().flat_map(|_| &starts).copied().collect();
+        let classes: Vec<usize> =
+            classes.iter().flat_map(|&class| std::iter::repeat_n(class, episodes)).collect();
+        let env = factory.make(
+            VectorEnvConfig {
+                keys: keys.clone(),
+                autoreset: Autoreset::Disabled,
+                ..factory.env_config(config)?
+            },
+            config.env.reward.as_deref(),
+            config.evaluation.precision,
+        )?;
+        Ok(Self { env, keys, classes })
+    }
+
+    /// Runs all episodes to their end.
+    fn run(
+        &mut self,
+        policy: &dyn Policy,
+        encoder: &mut Encoder,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Vec<EpisodeSums>>> {
+        let assigned: Vec<Option<usize>> = self.classes.iter().copied().map(Some).collect();
+        self.env.reset(ResetOptions { classes: Some(&assigned), ..ResetOptions::default() })?;
+        run_to_the_end(policy, &mut self.env, encoder, stop)
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default)]

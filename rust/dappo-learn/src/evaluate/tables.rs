@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::encoding::Encoding;
+use crate::error::{LearnError, Result};
 
 /// The result of one damage class.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -142,6 +143,43 @@ impl Evaluation {
     }
 }
 
+/// Mean forward velocity of every class, m/s, from a table that [`Evaluation::class_table`] wrote. The classes must be
+/// those of `names`, in this order.
+pub fn mean_velocities(table: &str, names: &[String]) -> Result<Vec<f64>> {
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<&str>>());
+    let header = lines.next().unwrap_or_default();
+    let column = |name: &str| {
+        header.iter().position(|column| *column == name).ok_or_else(|| {
+            LearnError::Invalid(format!(
+                "the table of the evaluation has no column `{name}`; evaluate the run again"
+            ))
+        })
+    };
+    let (class, reward, length) = (column("name")?, column("forward_reward")?, column("episode_length")?);
+    let rows: Vec<Vec<&str>> = lines.collect();
+    let found: Vec<&str> = rows.iter().filter_map(|row| row.get(class)).copied().collect();
+    if found != names.iter().map(String::as_str).collect::<Vec<_>>() {
+        return Err(LearnError::Invalid(format!(
+            "the table of the evaluation has {} damage classes, expected the {} of the robot in their order; evaluate \
+             the run again",
+            found.len(),
+            names.len()
+        )));
+    }
+    let number = |row: &[&str], column: usize| {
+        row.get(column)
+            .and_then(|text| text.parse::<f64>().ok())
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| {
+                LearnError::Invalid(format!(
+                    "the table of the evaluation is broken at `{}`; evaluate the run again",
+                    row.join(",")
+                ))
+            })
+    };
+    rows.iter().map(|row| Ok(number(row, reward)? / number(row, length)?.max(1.0))).collect()
+}
+
 fn empty_if_nan(value: f64) -> String {
     if value.is_nan() { String::new() } else { format!("{value:.4}") }
 }
@@ -205,6 +243,19 @@ pub(super) mod tests {
             class(3, "D1_1 A", -1.0, pair),
         ];
         Evaluation::new(Encoding::True, "lanes", "f64", classes)
+    }
+
+    #[test]
+    fn velocities_read_back_from_a_table_are_rewards_a_step_and_other_tables_are_refused() {
+        let table = evaluation([1.0; 4]).class_table();
+        let names: Vec<String> = (0..4).map(|class| format!("class {class}")).collect();
+        // Forward rewards of 10, 4, 7 and -1 in 20 steps.
+        assert_eq!(mean_velocities(&table, &names).unwrap(), [0.5, 0.2, 0.35, -0.05]);
+        let refuse = |table: &str, names: &[String]| mean_velocities(table, names).unwrap_err().to_string();
+        assert!(refuse(&table, &names[..3]).contains("has 4 damage classes, expected the 3"));
+        assert!(refuse(&table.replace("episode_length", "length"), &names).contains("`episode_length`"));
+        assert!(refuse(&table.replace("10.0000", "fast"), &names).contains("broken at `0,class 0"));
+        assert!(refuse("", &names).contains("no column `name`"));
     }
 
     #[test]

@@ -4,7 +4,8 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::Mlp;
-use crate::error::{LearnError, Result, check_length};
+use super::host::read;
+use crate::error::{Result, check_length};
 use crate::normalizer::Normalizer;
 
 /// ln √(2π), the constant of a normal log-density.
@@ -135,11 +136,6 @@ impl ActorCritic {
         let device = self.policy.log_std.lazy_device().without_autodiff();
         Ok(Tensor::from_data(TensorData::new(rows, [obs.len() / width, width]), &device))
     }
-}
-
-/// Copies a float tensor to the host.
-pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>> {
-    tensor.into_data().try_into_vec().map_err(|error| LearnError::Tensor { message: format!("{error:?}") })
 }
 
 #[cfg(test)]

@@ -3,8 +3,7 @@
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
-use crate::error::Result;
-use crate::nn::actor_critic::{LN_SQRT_TAU, read};
+use crate::nn::actor_critic::LN_SQRT_TAU;
 
 /// Bounds of the KL weight β and the learning-rate factor, and the step between values of either.
 const MAX_KL_COEF: f64 = 35.0;
@@ -126,11 +125,6 @@ pub fn kl_penalty(kl: Tensor<1>, kl_coef: f64, kl_target: f64, kl_hinge: f64) ->
 #[must_use]
 pub fn entropy(log_std: &[f32]) -> f64 {
     log_std.iter().map(|log_std| f64::from(*log_std) + 0.5 + LN_SQRT_TAU).sum()
-}
-
-/// The one number of a tensor.
-pub(super) fn scalar(tensor: Tensor<1>) -> Result<f64> {
-    Ok(read(tensor)?.first().copied().map_or(f64::NAN, f64::from))
 }
 
 #[cfg(test)]

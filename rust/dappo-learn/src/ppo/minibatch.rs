@@ -104,7 +104,7 @@ impl ValueBatch {
     }
 }
 
-/// The rows 0..`rows` in random order (Fisher and Yates), in minibatches of about `size`.
+/// The rows 0..`rows` in random order, in minibatches of about `size`.
 pub(super) fn shuffled(
     rows: usize,
     size: usize,
@@ -112,9 +112,7 @@ pub(super) fn shuffled(
     device: &Device,
 ) -> Vec<Tensor<1, Int>> {
     let mut order: Vec<i32> = (0..rows as i32).collect();
-    for last in (1..rows).rev() {
-        order.swap(last, stream.below(last as u64 + 1) as usize);
-    }
+    stream.shuffle(&mut order);
     ranges(rows, size).map(|range| indices(order[range].to_vec(), device)).collect()
 }
 
@@ -130,7 +128,7 @@ fn indices(rows: Vec<i32>, device: &Device) -> Tensor<1, Int> {
 
 /// Cuts 0..`rows` into pieces of nearly equal length, as close to `size` as possible: a short rest would
 /// take a step as long as a full minibatch on far noisier gradients.
-fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
+pub(crate) fn ranges(rows: usize, size: usize) -> impl Iterator<Item = Range<usize>> {
     let count = (rows as f64 / size as f64).round().max(1.0) as usize;
     (0..count).map(move |piece| piece * rows / count..(piece + 1) * rows / count)
 }

@@ -23,6 +23,7 @@ use crate::error::Result;
 use crate::nn::ActorCritic;
 use crate::normalizer::Normalizer;
 use minibatch::ValueBatch;
+pub(crate) use minibatch::ranges;
 
 /// Adam's guard against division by zero, as common in PPO (Andrychowicz et al., 2021).
 const ADAM_EPSILON: f32 = 1e-5;

@@ -6,10 +6,10 @@ use burn::tensor::{Device, Tensor};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
-use super::loss::{Adaptation, kl_divergence, kl_penalty, log_prob, scalar, surrogate};
+use super::loss::{Adaptation, kl_divergence, kl_penalty, log_prob, surrogate};
 use super::minibatch::{PolicyBatch, evenly_spaced, shuffled};
 use crate::error::{Result, check_finite};
-use crate::nn::GaussianPolicy;
+use crate::nn::{GaussianPolicy, scalar};
 
 /// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand takes
 /// a fifth of an update, and this many tell the divergence to about one percent.

@@ -12,8 +12,6 @@
 
 use std::path::Path;
 
-use burn::module::Module;
-use burn::optim::ModuleOptimizer;
 use burn::tensor::{Device, Tensor};
 use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -24,6 +22,7 @@ use super::{Ppo, PpoConfig, adam};
 use crate::error::{LearnError, Result};
 use crate::nn::ActorCritic;
 use crate::normalizer::Normalizer;
+use crate::records::{load_module, load_optimizer, save_module, save_optimizer, unreadable};
 
 const FORMAT: u32 = 1;
 const LEARNER: &str = "learner.toml";
@@ -94,8 +93,8 @@ impl Ppo {
             seed,
             updates: header.updates,
             actor_critic,
-            policy_optimizer: load_optimizer(&dir.join(POLICY_ADAM))?,
-            value_optimizer: load_optimizer(&dir.join(VALUE_ADAM))?,
+            policy_optimizer: load_optimizer(adam(), &dir.join(POLICY_ADAM))?,
+            value_optimizer: load_optimizer(adam(), &dir.join(VALUE_ADAM))?,
             adaptation: header.adaptation,
             normalizer: header.normalizer,
             previous,
@@ -138,24 +137,4 @@ fn read_value_batch(dir: &Path, header: &Header, device: &Device) -> Result<Opti
     }
     let zeros = |width| Tensor::zeros([header.value_batch_rows, width], device);
     load_module(ValueBatch::new(zeros(header.obs_dim), zeros(1)), &dir.join(VALUE_BATCH)).map(Some)
-}
-
-fn save_module<M: Module>(module: &M, path: &Path) -> Result<()> {
-    module.clone().into_record().save(path).map_err(|error| unreadable(path, error))
-}
-
-fn load_module<M: Module>(module: M, path: &Path) -> Result<M> {
-    module.try_load_file(path).map_err(|error| unreadable(path, error))
-}
-
-fn save_optimizer(optimizer: &ModuleOptimizer, path: &Path) -> Result<()> {
-    optimizer.save(path).map_err(|error| unreadable(path, error))
-}
-
-fn load_optimizer(path: &Path) -> Result<ModuleOptimizer> {
-    adam().load(path).map_err(|error| unreadable(path, error))
-}
-
-fn unreadable(path: &Path, error: impl std::fmt::Display) -> LearnError {
-    LearnError::Checkpoint { path: path.into(), message: error.to_string() }
 }

@@ -5,10 +5,9 @@ use burn::tensor::{Device, Tensor};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
-use super::loss::scalar;
 use super::minibatch::{ValueBatch, shuffled};
 use crate::error::{Result, check_finite};
-use crate::nn::Mlp;
+use crate::nn::{Mlp, scalar};
 
 /// The value net and what trains it.
 pub(super) struct ValueUpdate<'a> {

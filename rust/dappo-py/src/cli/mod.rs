@@ -1,11 +1,12 @@
 //! The command line. Exit codes: 0 done, 1 failed, 2 bad usage, 130 interrupted.
 
+mod adapt;
 mod args;
 mod classes;
 mod console;
 mod diagnose;
 mod evaluate;
-mod policy;
+pub mod policy;
 mod progress;
 mod settings;
 mod signals;
@@ -39,6 +40,7 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
         Command::Train(arguments) => train::run(py, arguments, &argv),
         Command::Evaluate(arguments) => evaluate::run(py, arguments),
         Command::Diagnose(arguments) => diagnose::run(py, arguments),
+        Command::Adapt(arguments) => adapt::run(py, arguments),
         Command::Classes(arguments) => classes::run(py, arguments),
         Command::Config(arguments) => settings::print(py, arguments),
         Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use dappo_learn::config::{Config, Layers};
+use dappo_sim::{BackendKind, Precision};
 use pyo3::prelude::*;
 
-use super::args::ConfigArgs;
+use super::args::{ConfigArgs, SimulationArgs};
 use super::console;
 use crate::errors::{Kind, from_learn, raise};
 
@@ -69,6 +70,18 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     }
     for assignment in &arguments.set {
         layers.set_assignment(assignment)?;
+    }
+    Ok(())
+}
+
+/// Lays flags over the settings of an earlier run.
+pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
+    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+    if let Some(backend) = &arguments.backend {
+        config.env.backend = BackendKind::parse(backend)?;
+    }
+    if let Some(precision) = &arguments.precision {
+        config.evaluation.precision = Precision::parse(precision)?;
     }
     Ok(())
 }

@@ -28,7 +28,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     };
     let factory = TableFactory::compile(py, &config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
-    config.env.backend = factory.backend();
+    config.env.backend = factory.backend_kind();
     let resume = resumed.is_some();
     let run = match resumed {
         Some(run) => run,
@@ -98,7 +98,7 @@ fn create(
     let meta = Meta {
         version: env!("CARGO_PKG_VERSION").into(),
         mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
-        backend: factory.backend().name().into(),
+        backend: factory.backend_kind().name().into(),
         precision: factory.precision(config.env.precision).into(),
         physics: factory.integrator(py)?,
         reward: factory.reward_name(config),

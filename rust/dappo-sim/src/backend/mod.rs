@@ -132,12 +132,19 @@ pub trait Backend: Send + Sync {
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError>;
 
-    /// Puts every env into a given state at rest from forces (as after a reset) and observes it. A backend of
-    /// single precision rounds the state.
+    /// Puts every env, except those marked in `skip`, into a given state at rest from forces (as after a reset) and
+    /// observes it. A backend of single precision rounds the state.
     ///
     /// # Shapes
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
-    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError>;
+    /// - `skip`: `[N]`
+    fn set_state(
+        &mut self,
+        qpos: &[f64],
+        qvel: &[f64],
+        skip: &[bool],
+        obs: ObsRows<'_>,
+    ) -> Result<(), SimError>;
 
     /// Everything that the next step depends on, for checkpoints.
     fn snapshot(&self) -> BackendSnapshot;

@@ -90,6 +90,17 @@ impl Task {
         true
     }
 
+    /// Whether each entry of an observation is a position or a velocity, `[obs_dim]`.
+    #[must_use]
+    pub fn shows_state(&self) -> Vec<bool> {
+        let is_state =
+            |term: &ObservationTerm| matches!(term, ObservationTerm::Qpos { .. } | ObservationTerm::Qvel);
+        self.observation
+            .iter()
+            .flat_map(|term| std::iter::repeat_n(is_state(term), term.len(&self.layout)))
+            .collect()
+    }
+
     /// Whether the episode has failed: the root is too low or too high.
     #[must_use]
     pub fn terminated(&self, signals: &Signals) -> bool {

@@ -350,6 +350,12 @@ impl VectorEnv {
         if !self.started {
             return Err(SimError::Config("the env must be reset before its state can be set".into()));
         }
-        self.backend.set_state(qpos, qvel, ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim })
+        let skip = vec![false; self.num_envs()];
+        self.backend.set_state(
+            qpos,
+            qvel,
+            &skip,
+            ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim },
+        )
     }
 }

@@ -129,9 +129,17 @@ impl Backend for Counter {
         Ok(())
     }
 
-    fn set_state(&mut self, qpos: &[f64], _: &[f64], mut obs: ObsRows<'_>) -> Result<(), SimError> {
-        self.rows.copy_from_slice(qpos);
-        (0..self.num_envs()).for_each(|env| self.observe(env, &mut obs));
+    fn set_state(
+        &mut self,
+        qpos: &[f64],
+        _: &[f64],
+        skip: &[bool],
+        mut obs: ObsRows<'_>,
+    ) -> Result<(), SimError> {
+        for env in (0..self.num_envs()).filter(|&env| !skip[env]) {
+            self.rows[env * ROW..(env + 1) * ROW].copy_from_slice(&qpos[env * ROW..(env + 1) * ROW]);
+            self.observe(env, &mut obs);
+        }
         Ok(())
     }
 

@@ -1,6 +1,5 @@
 //! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once.
 
-mod fleet;
 mod pairs;
 
 use std::path::Path;
@@ -9,7 +8,7 @@ use dappo_sim::rng::env_keys;
 use dappo_sim::{Backend, Precision};
 
 use super::dataset::{Header, Part, PolicyId, Shard};
-use super::{Expert, Preset};
+use super::{Expert, Preset, Subject};
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 use pairs::Pairs;
@@ -76,12 +75,10 @@ fn header(
     walker: Option<&Pilot>,
     backend: &dyn Backend,
 ) -> Header {
-    let (space, task) = (factory.space(), backend.task());
+    let task = backend.task();
     Header {
         format: Header::format(),
-        robot: factory.robot().name.clone(),
-        classes: space.classes().iter().map(|class| class.name.clone()).collect(),
-        codes: space.codes().chunks(space.code_length().max(1)).map(<[f32]>::to_vec).collect(),
+        subject: Subject::new(&factory.robot().name, factory.space()),
         severity: config.severity,
         seed: config.seed,
         timesteps: config.timesteps,

@@ -2,12 +2,12 @@
 
 use dappo_sim::backend::{Backend, Reset};
 
-use super::fleet::Fleet;
 use super::{CollectConfig, Pilot};
 use crate::diagnose::dataset::Record;
 use crate::diagnose::{Expert, Preset, TwinAction};
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
+use crate::fleet::Fleet;
 
 /// The robots of `block` rollouts, one for each damage class, and their twins.
 pub(super) struct Pairs<'a> {
@@ -131,23 +131,7 @@ impl<'a> Pairs<'a> {
     /// Puts every twin into the state that its robot observes.
     fn synchronise_twins(&mut self) -> Result<()> {
         let Some(twins) = &mut self.twins else { return Ok(()) };
-        let task = self.robots.backend().task();
-        let (nq, nv) = (task.layout().nq, task.layout().nv);
-        let envs = self.robots.fallen.len();
-        let (mut qpos, mut qvel) = (vec![0.0; envs * nq], vec![0.0; envs * nv]);
-        for (env, (qpos, qvel)) in qpos.chunks_exact_mut(nq).zip(qvel.chunks_exact_mut(nv)).enumerate() {
-            if !task.read_state(self.robots.row(env), qpos, qvel) {
-                return Err(LearnError::Invalid(
-                    "the robot's observation does not tell its state, so a twin cannot be put beside it in mid-gait; \
-                     add `qpos` (with `skip` of at most 2) and `qvel` to `observation.terms`, or use the preset `paper`"
-                        .into(),
-                ));
-            }
-        }
-        twins.set_state(&qpos, &qvel)?;
-        // A state says nothing of contact forces, but the expert is to begin with the same action for both.
-        twins.obs.copy_from_slice(&self.robots.obs);
-        Ok(())
+        twins.put_beside(&self.robots.obs, &vec![false; self.robots.fallen.len()])
     }
 
     /// The steps that are recorded.

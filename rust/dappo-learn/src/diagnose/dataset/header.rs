@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::npy::Field;
-use crate::diagnose::{Preset, Timing, Twin};
+use crate::diagnose::{Preset, Subject, Timing, Twin};
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
 
@@ -31,12 +31,8 @@ pub struct PolicyId {
 pub struct Header {
     /// Name and version of the format.
     pub format: String,
-    /// Name of the robot.
-    pub robot: String,
-    /// Names of the damage classes, in order.
-    pub classes: Vec<String>,
-    /// Damage codes of the classes, `[C][code_length]`.
-    pub codes: Vec<Vec<f32>>,
+    /// The robot and its damage classes.
+    pub subject: Subject,
     /// Severity of the damage.
     pub severity: f64,
     /// Seed of the rollouts.
@@ -123,7 +119,7 @@ impl Header {
 
     /// The fields of a record, in order.
     pub(super) fn fields(&self) -> Vec<Field> {
-        let (classes, steps) = (self.classes.len(), self.timesteps);
+        let (classes, steps) = (self.subject.classes(), self.timesteps);
         let mut fields = vec![
             Field::f32("damaged", &[classes, steps, self.obs_dim]),
             Field::f32("actions", &[classes, steps, self.action_dim]),

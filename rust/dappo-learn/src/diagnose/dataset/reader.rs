@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::header::Header;
 use super::npy::HEADER_BYTES;
 use super::part::count_records;
-use crate::diagnose::{PairSource, Window};
+use crate::diagnose::{PairSource, Twin, Window};
 use crate::error::{LearnError, Result};
 use crate::files::io;
 
@@ -131,7 +131,11 @@ impl PairSource for Dataset {
     }
 
     fn classes(&self) -> usize {
-        self.header.classes.len()
+        self.header.subject.classes()
+    }
+
+    fn twin(&self) -> Twin {
+        self.header.twin
     }
 
     fn timesteps(&self) -> usize {
@@ -147,7 +151,7 @@ impl PairSource for Dataset {
     }
 
     fn read(&self, rollout: usize, class: usize, timesteps: usize, window: &mut Window) -> Result<()> {
-        let (classes, most) = (self.header.classes.len(), self.header.timesteps);
+        let (classes, most) = (self.header.subject.classes(), self.header.timesteps);
         if class >= classes || timesteps > most {
             return Err(LearnError::Invalid(format!(
                 "class {class} with {timesteps} steps does not exist; the dataset holds {classes} classes with {most}"

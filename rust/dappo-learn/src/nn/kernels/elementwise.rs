@@ -1,4 +1,4 @@
-//! Elementwise loops of the MLP: bias and tanh, their derivatives, column sums.
+//! Elementwise loops: bias and tanh, their derivatives, column sums.
 
 #![expect(
     clippy::inline_always,
@@ -29,8 +29,9 @@ const NUMERATOR: [f32; 7] = [
 /// Denominator coefficients of x⁰, x² … x⁶, highest power first.
 const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525e-3];
 
+/// `a · b + c`.
 #[inline(always)]
-fn multiply_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
+pub(super) fn multiply_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
@@ -43,8 +44,9 @@ fn horner<const FMA: bool>(coefficients: &[f32], x: f32) -> f32 {
     value
 }
 
+/// tanh(x) to 5e-7.
 #[inline(always)]
-fn tanh<const FMA: bool>(x: f32) -> f32 {
+pub(super) fn tanh<const FMA: bool>(x: f32) -> f32 {
     let bound = if FMA { CLAMP_FMA } else { CLAMP_NO_FMA };
     let x = x.clamp(-bound, bound);
     let square = x * x;

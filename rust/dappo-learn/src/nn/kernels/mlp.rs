@@ -10,6 +10,7 @@ use super::Level;
 use super::elementwise::{bias_add, bias_tanh, column_sums, tanh_backward};
 use super::matmul::Destination::{Accumulate, Overwrite};
 use super::matmul::{Matrix, matmul};
+use super::reduce::sum_in_order;
 
 /// The backward pass sums gradients in this many partitions and then adds those in order. The number is
 /// fixed, so that the result does not depend on the number of threads.
@@ -237,20 +238,4 @@ pub fn backward(
         })
         .collect();
     sum_in_order(partial, parameters.len())
-}
-
-/// Adds the partitions' gradients, first to last; only different parameters are summed in parallel.
-fn sum_in_order(partial: Vec<Vec<f32>>, count: usize) -> Vec<f32> {
-    const CHUNK: usize = 4096;
-    let mut partial = partial.into_iter();
-    let mut total = partial.next().unwrap_or_else(|| vec![0.0; count]);
-    let rest: Vec<Vec<f32>> = partial.collect();
-    total.par_chunks_mut(CHUNK).enumerate().for_each(|(index, total)| {
-        for part in &rest {
-            for (sum, x) in total.iter_mut().zip(&part[index * CHUNK..]) {
-                *sum += *x;
-            }
-        }
-    });
-    total
 }

@@ -1,13 +1,17 @@
-//! CPU kernels of the fused tanh MLP: plain slices in, plain slices out, no tensors.
+//! CPU kernels of the fused networks: plain slices in, plain slices out, no tensors.
 //!
 //! Stock elementwise operations make one pass over memory each and compute tanh one number at a time.
 //! Here a block of rows goes through all layers while it is in cache, and every loop is compiled for the
 //! widest vectors of the machine it runs on.
 
+pub mod adam;
 mod elementwise;
 mod level;
+pub mod lstm;
+mod lstm_cell;
 mod matmul;
 mod mlp;
+mod reduce;
 
 pub use level::Level;
 pub use mlp::{backward, forward, hidden_width, parameter_count};

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use dappo_learn::diagnose::Preset;
 
-use super::{BACKENDS, PRECISIONS, at_least};
+use super::{SimulationArgs, at_least};
+
+const METHODS: [&str; 4] = ["A", "B", "C", "D"];
 
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
@@ -21,6 +23,12 @@ pub struct DiagnoseArgs {
 pub enum DiagnoseCommand {
     /// Let damaged robots and their healthy twins walk, and record both
     Collect(Box<CollectArgs>),
+    /// Train a network that names the damage class from such records
+    Train(TrainDiagnoserArgs),
+    /// Test trained networks on records that they have not seen
+    Test(TestDiagnoserArgs),
+    /// Fill a table of accuracies beside the paper's Table 1, from the expert to the last cell
+    Sweep(SweepArgs),
 }
 
 /// Arguments of `diagnose collect`.
@@ -63,15 +71,9 @@ pub struct CollectArgs {
     /// Collect only piece i of n, for example 0/4; all pieces may go into one folder
     #[arg(long, value_name = "I/N", default_value = "0/1")]
     pub shard: String,
-    /// Physics backend [default: the run's]
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes [default: the run's for evaluations, f64]
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
-    pub threads: Option<i64>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -84,4 +86,110 @@ fn span(text: &str) -> Result<(u32, u32), String> {
         (Ok(first), Ok(last)) => Ok((first, last)),
         _ => Err("expected a number of steps, or a range such as 20-150".to_owned()),
     }
+}
+
+/// Arguments of `diagnose train`.
+#[derive(Debug, Args)]
+pub struct TrainDiagnoserArgs {
+    /// Folder of a dataset that `diagnose collect` wrote
+    #[arg(value_name = "DATA")]
+    pub data: PathBuf,
+    /// Folder of the training; the trained diagnoser will be in its folder model/
+    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+    pub out: Option<PathBuf>,
+    /// Go on with an earlier training on the same data
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "method", "timesteps", "rollouts", "seed", "head", "held_out", "set"])]
+    pub resume: Option<PathBuf>,
+    /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
+    /// [default: B]
+    #[arg(long, value_parser = METHODS)]
+    pub method: Option<String>,
+    /// Steps that it sees [default: all of the data]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub timesteps: Option<i64>,
+    /// Rollouts that are used, a fifth of them to validate on [default: all]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(2))]
+    pub rollouts: Option<i64>,
+    /// Seed of split, weights and order
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
+    pub seed: Option<i64>,
+    /// One output a damage class (classes), or one a limb and damage type (limbs)
+    #[arg(long, value_parser = ["classes", "limbs"])]
+    pub head: Option<String>,
+    /// Damage classes that are never trained on, comma separated names or ids
+    #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
+    pub held_out: Vec<String>,
+    /// Any other setting, for example epochs=20 (see `config.toml` in the folder)
+    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+    pub set: Vec<String>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub threads: Option<i64>,
+    /// Print one JSON object an epoch instead of a progress bar
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `diagnose test`.
+#[derive(Debug, Args)]
+pub struct TestDiagnoserArgs {
+    /// Folders of trainings; several make a table
+    #[arg(value_name = "DIR", required = true)]
+    pub models: Vec<PathBuf>,
+    /// Datasets to test on, of another seed than the training data; several make a table
+    #[arg(long, value_name = "DATA", required = true, num_args = 1..)]
+    pub data: Vec<PathBuf>,
+    /// Run folder of a damage-aware policy: also measure what the mistakes cost it
+    #[arg(long, value_name = "RUN")]
+    pub policy: Option<PathBuf>,
+    /// Episodes a pair of true and named class, for --policy [default: the run's]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), requires = "policy")]
+    pub episodes: Option<i64>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub threads: Option<i64>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Arguments of `diagnose sweep`.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// Built-in robot or path of a robot file, for the expert [default: the one of `dappo-batch config`]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<String>,
+    /// Folder of the sweep: expert, datasets, cells and table; one that exists is continued
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Run folder of the expert [default: trained into the folder of the sweep]
+    #[arg(long, value_name = "RUN", conflicts_with = "robot")]
+    pub expert: Option<PathBuf>,
+    /// Env steps of the expert's training
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "6291456")]
+    pub expert_steps: i64,
+    /// Window lengths
+    #[arg(long, value_delimiter = ',', value_parser = at_least(1), default_value = "10,30,50")]
+    pub timesteps: Vec<i64>,
+    /// What the networks see
+    #[arg(long, value_delimiter = ',', value_parser = METHODS, default_value = "A,B")]
+    pub methods: Vec<String>,
+    /// Numbers of rollouts
+    #[arg(long, value_delimiter = ',', value_parser = at_least(2), default_value = "1000,2000,7000")]
+    pub rollouts: Vec<i64>,
+    /// Rollouts, of another seed, that all cells are tested on
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(2), default_value = "500")]
+    pub test_rollouts: i64,
+    /// Seeds of every cell
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "5")]
+    pub seeds: i64,
+    /// Samples that a cell is trained on, about, counting each time it is seen
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "600000")]
+    pub samples: i64,
+    /// Any other setting of the trainings, for example dropout=0.2
+    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+    pub set: Vec<String>,
+    /// Cells trained side by side, each on one thread [default: the number of cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub jobs: Option<i64>,
 }

@@ -1,5 +1,6 @@
 //! The arguments of every command.
 
+mod adapt;
 mod diagnose;
 
 use std::path::PathBuf;
@@ -7,7 +8,10 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
 
-pub use diagnose::{CollectArgs, DiagnoseArgs, DiagnoseCommand};
+pub use adapt::AdaptArgs;
+pub use diagnose::{
+    CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
+};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -27,6 +31,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// Learn to tell the damage of a robot from a short walk
     Diagnose(DiagnoseArgs),
+    /// Let damage strike in mid-walk, and see how a controller finds out and walks on
+    Adapt(Box<AdaptArgs>),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run
@@ -114,6 +120,20 @@ pub struct TrainArgs {
     pub json: bool,
 }
 
+/// How to simulate the robot of an earlier run.
+#[derive(Debug, Args)]
+pub struct SimulationArgs {
+    /// Physics backend [default: the run's]
+    #[arg(long, value_parser = BACKENDS)]
+    pub backend: Option<String>,
+    /// Precision of the backend lanes [default: the run's for evaluations, f64]
+    #[arg(long, value_parser = PRECISIONS)]
+    pub precision: Option<String>,
+    /// Worker threads [default: all cores]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    pub threads: Option<i64>,
+}
+
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
@@ -132,15 +152,9 @@ pub struct EvaluateArgs {
     /// Seed of the initial states [default: the run's]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Physics backend [default: the run's]
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes [default: the run's for evaluations, f64]
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
-    pub threads: Option<i64>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

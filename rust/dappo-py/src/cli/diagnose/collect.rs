@@ -12,20 +12,19 @@ use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Result};
-use dappo_sim::{BackendKind, Precision};
 use indicatif::{ProgressBar, ProgressStyle};
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::CollectArgs;
 use crate::cli::policy::{self, LoadedPolicy};
-use crate::cli::{INTERRUPTED, console, signals};
+use crate::cli::{INTERRUPTED, console, settings, signals};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
 pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
     let (folder, mut config) = RunFolder::open(&arguments.expert).map_err(|error| from_learn(&error))?;
-    apply(arguments, &mut config).map_err(|error| from_learn(&error))?;
+    settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
     let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
     let factory = TableFactory::compile(py, &config)?;
     let pilots = py.detach(|| -> Result<_> {
@@ -68,18 +67,6 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
         }
     }
     Ok(if collected.interrupted { INTERRUPTED } else { 0 })
-}
-
-/// Lays the flags over the configuration of the run.
-fn apply(arguments: &CollectArgs, config: &mut Config) -> Result<()> {
-    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
-    if let Some(backend) = &arguments.backend {
-        config.env.backend = BackendKind::parse(backend)?;
-    }
-    if let Some(precision) = &arguments.precision {
-        config.evaluation.precision = Precision::parse(precision)?;
-    }
-    Ok(())
 }
 
 fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {

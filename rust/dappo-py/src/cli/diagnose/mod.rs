@@ -1,7 +1,12 @@
 //! `dappo-batch diagnose`.
 
 mod collect;
+mod sweep;
+mod test;
+mod train;
 
+use dappo_learn::config::Layers;
+use dappo_learn::diagnose::DiagnoserConfig;
 use pyo3::prelude::*;
 
 use super::args::{DiagnoseArgs, DiagnoseCommand};
@@ -9,5 +14,26 @@ use super::args::{DiagnoseArgs, DiagnoseCommand};
 pub fn run(py: Python<'_>, arguments: &DiagnoseArgs) -> PyResult<i32> {
     match &arguments.command {
         DiagnoseCommand::Collect(arguments) => collect::run(py, arguments),
+        DiagnoseCommand::Train(arguments) => train::run(py, arguments),
+        DiagnoseCommand::Test(arguments) => test::run(py, arguments),
+        DiagnoseCommand::Sweep(arguments) => sweep::run(py, arguments),
     }
+}
+
+/// The settings of a training: defaults, then flags, then `--set`.
+fn settings(mut layers: Layers, set: &[String]) -> dappo_learn::Result<DiagnoserConfig> {
+    for assignment in set {
+        layers.set_assignment(assignment)?;
+    }
+    let config: DiagnoserConfig = layers.typed()?;
+    config.check()?;
+    Ok(config)
+}
+
+/// Runs `work` with this many threads, all cores for `None`.
+fn with_threads<T: Send>(threads: Option<i64>, work: impl FnOnce() -> T + Send) -> dappo_learn::Result<T> {
+    let Some(threads) = threads else { return Ok(work()) };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
+    let failed = |error| dappo_learn::LearnError::Invalid(format!("cannot start {threads} threads: {error}"));
+    Ok(pool.map_err(failed)?.install(work))
 }

@@ -7,12 +7,12 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Ppo};
-use dappo_sim::{BackendKind, Precision};
 use pyo3::prelude::*;
 
 use crate::cli::args::EvaluateArgs;
 use crate::cli::policy::{self, LoadedPolicy};
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::cli::settings;
+use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 
 /// A run with everything that its evaluation needs.
@@ -67,7 +67,7 @@ impl LoadedRun {
     ) -> PyResult<Self> {
         let (folder, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
         match reference {
-            None => apply(arguments, &mut config)?,
+            None => apply(arguments, &mut config).map_err(|error| from_learn(&error))?,
             Some(reference) => {
                 config.env.backend = reference.config.env.backend;
                 config.env.threads = reference.config.env.threads;
@@ -106,18 +106,11 @@ fn learner(config: &Config) -> &'static str {
 }
 
 /// Lays the flags over the configuration of the run.
-fn apply(arguments: &EvaluateArgs, config: &mut Config) -> PyResult<()> {
-    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+fn apply(arguments: &EvaluateArgs, config: &mut Config) -> dappo_learn::Result<()> {
     config.evaluation.episodes =
         arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
     config.evaluation.seed = arguments.seed.unwrap_or(config.evaluation.seed);
-    if let Some(backend) = &arguments.backend {
-        config.env.backend = BackendKind::parse(backend).map_err(|error| from_sim(&error))?;
-    }
-    if let Some(precision) = &arguments.precision {
-        config.evaluation.precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
-    }
-    Ok(())
+    settings::simulate_with(&arguments.simulation, config)
 }
 
 /// The newest policy of a run, if it can be told what `encoding` says.

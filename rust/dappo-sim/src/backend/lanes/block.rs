@@ -71,21 +71,22 @@ impl Block {
         self.begin(task, table, resets.len(), class_of, obs, stride);
     }
 
-    /// Puts every env of the block into a given state.
+    /// Puts the envs for which `class_of` has a class into a given state.
     pub fn set_state(
         &mut self,
         task: &Task,
         table: &LaneTable,
-        classes: &[usize],
+        class_of: impl Fn(usize) -> Option<usize>,
         (qpos, qvel): (&[f64], &[f64]),
         obs: &mut [f32],
         stride: usize,
     ) {
         let states = qpos.chunks_exact(self.qpos.len()).zip(qvel.chunks_exact(self.qvel.len()));
-        for (lane, (qpos, qvel)) in states.enumerate() {
+        let lanes = states.len();
+        for (lane, (qpos, qvel)) in states.enumerate().filter(|(lane, _)| class_of(*lane).is_some()) {
             self.group.set_state(lane, qpos, qvel);
         }
-        self.begin(task, table, classes.len(), |lane| Some(classes[lane]), obs, stride);
+        self.begin(task, table, lanes, class_of, obs, stride);
     }
 
     /// Computes the forces of the lanes that have just been placed, and observes them. `class_of` says their class.

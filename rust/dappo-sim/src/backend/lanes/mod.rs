@@ -165,22 +165,32 @@ impl Backend for LanesBackend {
         Ok(())
     }
 
-    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError> {
+    fn set_state(
+        &mut self,
+        qpos: &[f64],
+        qvel: &[f64],
+        skip: &[bool],
+        obs: ObsRows<'_>,
+    ) -> Result<(), SimError> {
         let (task, table, width, stride) = (&self.task, &self.table, self.width, obs.stride);
         let (nq, nv) = (task.layout().nq, task.layout().nv);
         expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
         expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
+        expect_len("skip", skip.len(), self.classes.len())?;
         self.pool.install(|| {
             (
                 self.blocks.par_iter_mut(),
                 self.classes.par_chunks(width),
+                skip.par_chunks(width),
                 qpos.par_chunks(width * nq),
                 qvel.par_chunks(width * nv),
                 obs.data.par_chunks_mut(width * stride),
             )
                 .into_par_iter()
-                .for_each(|(block, classes, qpos, qvel, obs)| {
-                    block.set_state(task, table, classes, (qpos, qvel), obs, stride);
+                .filter(|(_, _, skip, ..)| skip.contains(&false))
+                .for_each(|(block, classes, skip, qpos, qvel, obs)| {
+                    let class_of = |lane: usize| (!skip[lane]).then(|| classes[lane]);
+                    block.set_state(task, table, class_of, (qpos, qvel), obs, stride);
                 });
         });
         Ok(())

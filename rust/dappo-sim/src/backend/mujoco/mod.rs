@@ -177,21 +177,30 @@ impl Backend for MujocoBackend {
         Ok(())
     }
 
-    fn set_state(&mut self, qpos: &[f64], qvel: &[f64], obs: ObsRows<'_>) -> Result<(), SimError> {
+    fn set_state(
+        &mut self,
+        qpos: &[f64],
+        qvel: &[f64],
+        skip: &[bool],
+        obs: ObsRows<'_>,
+    ) -> Result<(), SimError> {
         let (task, table, workers) = (&self.task, &self.table, &self.workers);
         let (nq, nv) = (task.layout().nq, task.layout().nv);
         expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
         expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
+        expect_len("skip", skip.len(), self.classes.len())?;
         self.pool.install(|| {
             (
                 self.rows.par_chunks_mut(self.row),
                 self.classes.par_iter(),
+                skip.par_iter(),
                 qpos.par_chunks(nq),
                 qvel.par_chunks(nv),
                 obs.data.par_chunks_mut(obs.stride),
             )
                 .into_par_iter()
-                .for_each(|(row, &class, qpos, qvel, obs)| {
+                .filter(|(_, _, skip, ..)| !**skip)
+                .for_each(|(row, &class, _, qpos, qvel, obs)| {
                     worker(workers).set_state(
                         task,
                         table,

@@ -14,14 +14,23 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from dappo_batch.bench.machine import thread_limits
-from dappo_batch.bench.training.task import Task
 
-__all__ = ["Program", "Worker", "WorkerFailed", "main"]
+__all__ = ["Program", "Work", "Worker", "WorkerFailed", "main"]
 
-_PROGRAM = "import sys; from dappo_batch.bench.training.worker import main; main(*sys.argv[1:])"
+_PROGRAM = "import sys; from dappo_batch.bench.worker import main; main(*sys.argv[1:])"
+
+
+class Work(Protocol):
+    """What a program is made with: a dataclass of what JSON can hold."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def threads(self) -> int:
+        """Threads that the program may use."""
 
 
 class Program(Protocol):
@@ -53,7 +62,7 @@ class Worker:
     ----------
     program : str
         Module and class of the `Program`, joined by a colon.
-    task : Task
+    task : Work
         What it is made with.
 
     Raises
@@ -62,11 +71,11 @@ class Worker:
         If the program cannot be made.
     """
 
-    def __init__(self, program: str, task: Task) -> None:
+    def __init__(self, program: str, task: Work) -> None:
         # A file and not a pipe: nobody reads while it works, and a full pipe would stop it.
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 (lives as long as the worker)
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM, program, json.dumps(asdict(task))],
+            [sys.executable, "-c", _PROGRAM, program, _name(type(task)), json.dumps(asdict(task))],
             env={**os.environ, **thread_limits(task.threads)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -111,13 +120,21 @@ class Worker:
         self._said.close()
 
 
-def main(program: str, task: str) -> None:
+def _name(kind: type) -> str:
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _named(name: str) -> Any:  # noqa: ANN401 (whatever it is)
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def main(program: str, kind: str, task: str) -> None:
     """Be the worker."""
     # Libraries print what they like; only answers may reach the other side.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    module, _, name = program.partition(":")
-    served: Program = getattr(importlib.import_module(module), name)(Task(**json.loads(task)))
+    served: Program = _named(program)(_named(kind)(**json.loads(task)))
     try:
         print(json.dumps({"note": served.note}), file=answers, flush=True)
         for line in sys.stdin:

@@ -1,8 +1,4 @@
-//! The tanh MLP as one burn operation on CPUs, with a hand-written backward pass.
-//!
-//! burn calls an extension trait through its `Dispatch` type. The trait is implemented for the Flex
-//! backend, and for `Autodiff<Flex>` by recording a node whose state keeps the hidden activations. Other
-//! backends are not listed and would panic: [`super::Mlp`] sends them down the composed path.
+//! The tanh MLP as one operation; its backward pass needs the hidden activations.
 
 use std::sync::Arc;
 
@@ -15,7 +11,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{Tensor, TensorData};
 
-use super::kernels::{self, Level};
+use crate::nn::kernels::{self, Level};
 
 /// The operation that burn's backends gain.
 #[backend_extension(Flex, Autodiff)]
@@ -28,7 +24,7 @@ pub trait FusedMlp: Backend {
 }
 
 /// Applies [`FusedMlp::tanh_mlp`]. Both tensors must live on a Flex device, with autodiff or without.
-pub(super) fn tanh_mlp(x: Tensor<2>, parameters: Tensor<1>, sizes: Vec<usize>) -> Tensor<2> {
+pub(in crate::nn) fn tanh_mlp(x: Tensor<2>, parameters: Tensor<1>, sizes: Vec<usize>) -> Tensor<2> {
     let out = <Dispatch as FusedMlp>::tanh_mlp(x.into_dispatch(), parameters.into_dispatch(), sizes);
     Tensor::from_dispatch(out)
 }

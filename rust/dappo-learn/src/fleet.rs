@@ -2,18 +2,19 @@
 
 use dappo_sim::backend::{Backend, ObsRows, Reset, StepOutputs};
 
-use crate::error::Result;
+use crate::error::{LearnError, Result};
 
 /// N robots.
-pub(super) struct Fleet {
+pub(crate) struct Fleet {
     backend: Box<dyn Backend>,
     /// Observations after the last step or reset, `[N, O]`.
     pub obs: Vec<f32>,
     /// Whether each robot is out of its range of heights, `[N]`.
     pub fallen: Vec<bool>,
-    /// Divergences of the physics.
+    /// Whether the physics of each robot diverged in the last step, `[N]`.
+    pub diverged: Vec<bool>,
+    /// Divergences so far.
     pub divergences: u64,
-    diverged: Vec<bool>,
     rewards: Vec<f64>,
     forward_velocity: Vec<f64>,
 }
@@ -24,8 +25,8 @@ impl Fleet {
         Self {
             obs: vec![0.0; envs * width],
             fallen: vec![false; envs],
-            divergences: 0,
             diverged: vec![false; envs],
+            divergences: 0,
             rewards: vec![0.0; envs],
             forward_velocity: vec![0.0; envs],
             backend,
@@ -52,9 +53,32 @@ impl Fleet {
         Ok(self.backend.set_classes(changes)?)
     }
 
-    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<()> {
-        let stride = self.backend.task().obs_dim();
-        Ok(self.backend.set_state(qpos, qvel, ObsRows { data: &mut self.obs, stride })?)
+    /// Puts all robots but those to skip into the states that observations show. What they observe themselves then
+    /// are these very observations: a state says nothing of contact forces.
+    ///
+    /// # Shapes
+    /// - `shown`: `[N, O]`, `skip`: `[N]`
+    pub fn put_beside(&mut self, shown: &[f32], skip: &[bool]) -> Result<()> {
+        let task = self.backend.task();
+        let (nq, nv, width) = (task.layout().nq, task.layout().nv, task.obs_dim());
+        let envs = self.fallen.len();
+        let (mut qpos, mut qvel) = (vec![0.0; envs * nq], vec![0.0; envs * nv]);
+        let states = qpos.chunks_exact_mut(nq).zip(qvel.chunks_exact_mut(nv));
+        for ((qpos, qvel), row) in states.zip(shown.chunks_exact(width)) {
+            if !task.read_state(row, qpos, qvel) {
+                return Err(LearnError::Invalid(
+                    "the robot's observation does not tell its state, so a twin cannot be put beside it in mid-gait; \
+                     add `qpos` (with `skip` of at most 2) and `qvel` to `observation.terms`, or use the preset `paper`"
+                        .into(),
+                ));
+            }
+        }
+        self.backend.set_state(&qpos, &qvel, skip, ObsRows { data: &mut self.obs, stride: width })?;
+        let rows = self.obs.chunks_exact_mut(width).zip(shown.chunks_exact(width));
+        for ((own, shown), _) in rows.zip(skip).filter(|(_, skip)| !**skip) {
+            own.copy_from_slice(shown);
+        }
+        Ok(())
     }
 
     /// One step of all robots but those to skip. A robot that falls goes on: there is no reset here.

@@ -1,0 +1,133 @@
+"""A controller that finds out by itself what broke, and lets the robot walk on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch import _core
+
+Event = dict[str, Any]
+"""``robot``, ``step`` (control steps since its start), ``event`` (the kind), and what belongs to the kind."""
+
+
+class Controller:
+    """Controls robots through damage, each by itself, without a reset.
+
+    Call `act` once a control step with what the robots observe, in a simulation or on a robot. Damage
+    classes are never asked for: a robot is taken for healthy until the controller has named its damage.
+
+    Parameters
+    ----------
+    run
+        Run folder of a damage-aware policy that has been evaluated.
+    diagnoser
+        Folder of ``diagnose train``, best on records of this run with the preset ``residual``.
+    expert
+        Run folder of the policy that walks while a robot is examined, the one whose records the diagnoser
+        learned from; the run itself, as if nothing were damaged, if left out.
+    num_robots
+        Number of robots, N.
+    trigger
+        What raises suspicion: ``"residual"``, steps that differ from those of a simulated twin, or
+        ``"speed"``, a robot that walks too slowly.
+    settings
+        Other settings of the controller, for example ``{"cooldown": 100}``.
+
+    Raises
+    ------
+    ConfigError
+        If a folder or a setting cannot be used.
+    """
+
+    def __init__(
+        self,
+        run: str | PathLike[str],
+        *,
+        diagnoser: str | PathLike[str],
+        expert: str | PathLike[str] | None = None,
+        num_robots: int = 1,
+        trigger: str = "residual",
+        settings: Mapping[str, float] | None = None,
+    ) -> None:
+        self._core = _core.Controller(
+            Path(fspath(run)),
+            diagnoser=Path(fspath(diagnoser)),
+            expert=None if expert is None else Path(fspath(expert)),
+            num_robots=num_robots,
+            trigger=trigger,
+            settings=[f"{key}={value}" for key, value in (settings or {}).items()],
+        )
+        self._events: list[Event] = []
+
+    @property
+    def num_robots(self) -> int:
+        """Number of robots, N."""
+        return self._core.num_robots
+
+    @property
+    def obs_dim(self) -> int:
+        """Length of an observation without damage code, O."""
+        return self._core.obs_dim
+
+    @property
+    def action_dim(self) -> int:
+        """Length of an action, A."""
+        return self._core.action_dim
+
+    @property
+    def class_names(self) -> list[str]:
+        """Names of the damage classes; the index is the class."""
+        return self._core.class_names
+
+    @property
+    def damage_classes(self) -> NDArray[np.int64]:
+        """What the policy is told of each robot, [N]."""
+        return self._core.damage_classes
+
+    @property
+    def events(self) -> list[Event]:
+        """All that has happened, in order.
+
+        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``readings_lost`` and ``readings_back``.
+        """
+        return self._events
+
+    def act(self, obs: ArrayLike, forward_velocity: ArrayLike) -> NDArray[np.float32]:
+        """Choose the next actions.
+
+        Readings that are not finite are replaced by the last finite ones; a row of NaN stands for a step
+        whose readings were lost. Actions are always finite.
+
+        Parameters
+        ----------
+        obs
+            Observations without damage code, [N, O], or [O] of a single robot.
+        forward_velocity
+            Velocities along +x over the last step, m/s, [N], or a number.
+
+        Returns
+        -------
+        actions
+            In [-1, 1] after clipping, [N, A], or [A] for an observation [O].
+
+        Raises
+        ------
+        ShapeError
+            If a shape does not fit.
+        """
+        rows = np.ascontiguousarray(obs, np.float32)
+        velocities = np.ascontiguousarray(np.atleast_1d(forward_velocity), np.float64)
+        single = rows.ndim == 1
+        actions = self._core.act(np.atleast_2d(rows), velocities)
+        self._events += self._core.take_events()
+        return actions[0] if single else actions
+
+    def reset(self, mask: ArrayLike | None = None) -> None:
+        """Begin anew with all robots, or with those of a mask [N]: they are taken for healthy."""
+        self._core.reset(None if mask is None else np.asarray(mask, np.bool_).tolist())

@@ -1,0 +1,241 @@
+//! The tables of a trial: one row a damage class, and the essence of all.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::class::{average, median, speed};
+use super::{ClassOutcome, Contest, Trial};
+use crate::error::{Result, check_length};
+
+/// The outcome of a trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// One entry a class, in the order of the trial.
+    pub classes: Vec<ClassOutcome>,
+    /// Share of the healthy episodes without any suspicion, if there are some.
+    pub healthy_without_alarm: Option<f64>,
+    /// Episodes of damages that cost more than half of the speed when nothing is done about them.
+    pub severe_episodes: usize,
+    /// Share of them in which damage was suspected.
+    pub severe_detected: Option<f64>,
+    /// Median number of steps that this took.
+    pub severe_median_delay: Option<f64>,
+    /// Share of the damaged episodes whose first diagnosis was right; undetected ones count as wrong.
+    pub right_at_first: Option<f64>,
+    /// Share of them in which the policy was told the right class in the end.
+    pub right_at_last: Option<f64>,
+    /// Mean forward reward over the damages, as a share of the oracle's.
+    pub recovered_share: Option<f64>,
+    /// The same of the policy that takes every robot for healthy.
+    pub unadapted_share: Option<f64>,
+    /// The same of PPO-Unaware.
+    pub unaware_share: Option<f64>,
+    /// How long the controller took for its decisions.
+    pub decision_ms: DecisionTime,
+}
+
+/// How long a controller took for a step of all its robots, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DecisionTime {
+    /// Robots decided about.
+    pub robots: usize,
+    /// Median.
+    pub median: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Longest; most often the step of a diagnosis.
+    pub longest: f64,
+}
+
+impl DecisionTime {
+    fn new(robots: usize, seconds: &[f64]) -> Self {
+        let mut sorted: Vec<f64> = seconds.iter().map(|seconds| 1000.0 * seconds).collect();
+        sorted.sort_by(f64::total_cmp);
+        // The smallest time that this share of the times does not exceed.
+        let quantile = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+        };
+        Self { robots, median: quantile(0.5), p99: quantile(0.99), longest: quantile(1.0) }
+    }
+}
+
+impl Summary {
+    /// Puts the walks of a trial together.
+    ///
+    /// # Errors
+    /// If a pilot did not walk all episodes.
+    pub fn new(trial: &Trial, names: &[String], contest: &Contest) -> Result<Self> {
+        let all = trial.classes.len() * trial.episodes;
+        for walks in
+            [&contest.adapted, &contest.oracle, &contest.unadapted].into_iter().chain(&contest.unaware)
+        {
+            check_length("walks [classes, episodes]", &walks.episodes, all)?;
+        }
+        let mut classes = Vec::with_capacity(trial.classes.len());
+        let (mut severe, mut delays) = (0, Vec::new());
+        for (row, &class) in trial.classes.iter().enumerate() {
+            let name = names.get(class).cloned().unwrap_or_default();
+            let (outcome, episodes) = ClassOutcome::new(trial, row, name, contest);
+            let struck = trial.struck(row, &contest.adapted);
+            let slowed = average(&contest.unadapted, &struck, |walk| speed(walk, trial));
+            if class != 0 && slowed < 0.5 * outcome.velocity_before {
+                severe += struck.len();
+                delays.extend(episodes.iter().filter_map(|episode| episode.delay));
+            }
+            classes.push(outcome);
+        }
+        Ok(Self::of(classes, severe, &delays, DecisionTime::new(all, &contest.adapted.decision_seconds)))
+    }
+
+    fn of(
+        classes: Vec<ClassOutcome>,
+        severe_episodes: usize,
+        delays: &[usize],
+        decision_ms: DecisionTime,
+    ) -> Self {
+        let healthy: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class == 0).collect();
+        let damaged: Vec<&ClassOutcome> =
+            classes.iter().filter(|outcome| outcome.class != 0 && outcome.episodes > 0).collect();
+        let share = |of: &[&ClassOutcome], count: &dyn Fn(&ClassOutcome) -> usize| {
+            let episodes: usize = of.iter().map(|outcome| outcome.episodes).sum();
+            let counted: usize = of.iter().map(|outcome| count(outcome)).sum();
+            (episodes > 0).then(|| counted as f64 / episodes as f64)
+        };
+        let total = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| -> Option<f64> {
+            damaged.iter().map(|outcome| reward(outcome)).sum()
+        };
+        let of_oracle = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| {
+            let oracle = total(&|outcome| Some(outcome.oracle)).filter(|oracle| *oracle > 0.0)?;
+            Some(total(reward)? / oracle)
+        };
+        Self {
+            healthy_without_alarm: share(&healthy, &|outcome| outcome.episodes - outcome.false_alarms),
+            severe_episodes,
+            severe_detected: (severe_episodes > 0).then(|| delays.len() as f64 / severe_episodes as f64),
+            severe_median_delay: median(delays.iter().copied()),
+            right_at_first: share(&damaged, &|outcome| outcome.right_at_first),
+            right_at_last: share(&damaged, &|outcome| outcome.right_at_last),
+            recovered_share: of_oracle(&|outcome| Some(outcome.adapted)),
+            unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
+            unaware_share: of_oracle(&|outcome| outcome.unaware),
+            decision_ms,
+            classes,
+        }
+    }
+
+    /// The classes as CSV with a header line.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let mut text = "class,name,episodes,ended_before,false_alarms,detected,median_delay,right_at_first,right_at_last,\
+                        examinations,recovered,median_recovery,falls,velocity_before,adapted,oracle,unadapted,\
+                        unaware\n"
+            .to_owned();
+        for c in &self.classes {
+            let optional = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{:.2},{:.2},{}",
+                c.class,
+                c.name,
+                c.episodes,
+                c.ended_before,
+                c.false_alarms,
+                c.detected,
+                optional(c.median_delay),
+                c.right_at_first,
+                c.right_at_last,
+                c.examinations,
+                c.recovered,
+                optional(c.median_recovery),
+                c.falls,
+                c.velocity_before,
+                c.adapted,
+                c.oracle,
+                c.unadapted,
+                optional(c.unaware)
+            );
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adapt::{Walk, Walks};
+    use crate::controller::{Event, EventKind};
+
+    fn walk(class: usize, before: f64, after: f64, suspected: Option<u64>) -> Walk {
+        let kind = EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None };
+        Walk {
+            class,
+            velocities: [vec![before; 10], vec![after; 90]].concat(),
+            fell: false,
+            events: suspected.map(|step| Event { robot: 0, step, kind }).into_iter().collect(),
+        }
+    }
+
+    #[test]
+    fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
+        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0 };
+        let all = |healthy: f64, mild: f64, severe: f64| {
+            let episodes = vec![
+                walk(0, 1.0, healthy, None),
+                walk(0, 1.0, healthy, Some(50)),
+                walk(1, 1.0, mild, None),
+                walk(1, 1.0, mild, None),
+                walk(2, 1.0, severe, Some(14)),
+                walk(2, 1.0, severe, Some(20)),
+            ];
+            // From 200 down to 1 ms.
+            let decision_seconds = (1..=200).rev().map(|ms| f64::from(ms) / 1000.0).collect();
+            Walks { episodes, decision_seconds }
+        };
+        let contest = Contest {
+            adapted: all(1.0, 0.8, 0.6),
+            oracle: all(1.0, 0.8, 0.8),
+            unadapted: all(1.0, 0.6, 0.2),
+            unaware: None,
+        };
+        let names = ["healthy", "mild", "severe"].map(ToOwned::to_owned);
+        let summary = Summary::new(&trial, &names, &contest).unwrap();
+        assert_eq!(summary.healthy_without_alarm, Some(0.5));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
+        assert_eq!(summary.severe_median_delay, Some(7.0));
+        // (0.8 + 0.6) / (0.8 + 0.8) and (0.6 + 0.2) / 1.6, of 90 steps each.
+        assert!((summary.recovered_share.unwrap() - 0.875).abs() < 1e-12);
+        assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
+        assert_eq!(summary.unaware_share, None);
+        let DecisionTime { robots, median, p99, longest } = summary.decision_ms;
+        assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
+        assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
+        assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
+        assert_eq!(summary.classes[1].ended_before, 0);
+        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &contest).is_err());
+    }
+    #[test]
+    fn an_episode_that_ended_before_its_damage_struck_counts_for_nothing() {
+        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0 };
+        let fallen = Walk { velocities: vec![1.0; 10], fell: true, ..walk(1, 1.0, 0.0, None) };
+        let walks = |after: f64, suspected| Walks {
+            episodes: vec![walk(1, 1.0, after, suspected), fallen.clone()],
+            decision_seconds: Vec::new(),
+        };
+        let contest = Contest {
+            adapted: walks(0.5, Some(12)),
+            oracle: walks(1.0, None),
+            unadapted: walks(0.1, None),
+            unaware: Some(walks(0.2, None)),
+        };
+        let summary = Summary::new(&trial, &["healthy".to_owned(), "broken".to_owned()], &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.episodes, class.ended_before, class.detected, class.falls), (1, 1, 1, 0));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (1, Some(1.0)));
+        assert!((class.adapted - 45.0).abs() < 1e-9);
+        assert!((summary.unaware_share.unwrap() - 0.2).abs() < 1e-12);
+        assert_eq!(summary.healthy_without_alarm, None);
+    }
+}

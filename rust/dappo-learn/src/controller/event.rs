@@ -1,0 +1,51 @@
+//! What a controller did and why.
+
+use serde::Serialize;
+
+/// Something that happened to one robot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Event {
+    /// Index of the robot.
+    pub robot: usize,
+    /// Control steps since the robot's start.
+    pub step: u64,
+    /// What happened.
+    #[serde(flatten)]
+    pub kind: EventKind,
+}
+
+/// What can happen. Classes are damage classes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum EventKind {
+    /// The robot does not do what was expected of it: an examination begins.
+    Suspected {
+        /// Mean forward velocity over the last steps, m/s.
+        forward_velocity: f64,
+        /// Forward velocity of the class that the policy is told, m/s.
+        expected: f64,
+        /// Median residual over the last steps; none if the twin does not walk along.
+        residual: Option<f64>,
+    },
+    /// An examination has ended.
+    Diagnosed {
+        /// The most probable class.
+        class: usize,
+        /// Its probability.
+        confidence: f32,
+        /// Whether that was enough to believe it.
+        accepted: bool,
+    },
+    /// From now on the policy is told another class.
+    Adapted {
+        /// The class.
+        class: usize,
+    },
+    /// Some readings are not finite; the last finite ones are held, and nothing is compared.
+    ReadingsLost {
+        /// How many entries of the observation.
+        faults: usize,
+    },
+    /// All readings are finite again.
+    ReadingsBack,
+}

@@ -1,0 +1,19 @@
+//! Sums whose result does not depend on the number of threads.
+
+use rayon::prelude::*;
+
+/// Adds the partitions' gradients, first to last; only different parameters are summed in parallel.
+pub(super) fn sum_in_order(partial: Vec<Vec<f32>>, count: usize) -> Vec<f32> {
+    const CHUNK: usize = 4096;
+    let mut partial = partial.into_iter();
+    let mut total = partial.next().unwrap_or_else(|| vec![0.0; count]);
+    let rest: Vec<Vec<f32>> = partial.collect();
+    total.par_chunks_mut(CHUNK).enumerate().for_each(|(index, total)| {
+        for part in &rest {
+            for (sum, x) in total.iter_mut().zip(&part[index * CHUNK..]) {
+                *sum += *x;
+            }
+        }
+    });
+    total
+}

@@ -1,0 +1,59 @@
+//! The arguments of `adapt`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use dappo_learn::controller::Trigger;
+
+use super::{SimulationArgs, at_least};
+
+/// Arguments of `adapt`.
+#[derive(Debug, Args)]
+pub struct AdaptArgs {
+    /// Run folder of a damage-aware policy that has been evaluated
+    #[arg(value_name = "RUN")]
+    pub run: PathBuf,
+    /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
+    #[arg(long, value_name = "DIR")]
+    pub diagnoser: PathBuf,
+    /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
+    /// [default: RUN, as if nothing were damaged]
+    #[arg(long, value_name = "RUN")]
+    pub expert: Option<PathBuf>,
+    /// Run folder of a policy that was trained with --unaware, to compare with
+    #[arg(long, value_name = "RUN")]
+    pub unaware: Option<PathBuf>,
+    /// The damage that strikes: a name or an id that `dappo-batch classes` lists
+    #[arg(long, value_name = "SPEC", required_unless_present = "all_classes")]
+    pub damage: Option<String>,
+    /// Every damage class in turn, the healthy one included; tables go into RUN/eval/
+    #[arg(long, conflicts_with = "damage")]
+    pub all_classes: bool,
+    /// Step at which the damage strikes
+    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = at_least(1), default_value = "300")]
+    pub at: i64,
+    /// Episodes a damage class
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "20")]
+    pub episodes: i64,
+    /// Seed of the initial states
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
+    pub seed: i64,
+    /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
+    #[arg(long, value_parser = Trigger::NAMES, default_value = Trigger::NAMES[0])]
+    pub trigger: String,
+    /// Other settings of the controller, for example cooldown=100
+    #[arg(long, value_name = "KEY=VALUE", num_args = 1..)]
+    pub controller: Vec<String>,
+    /// Settings of the robot that the controller knows nothing of, for example damage.severity=0.5
+    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+    pub set: Vec<String>,
+    /// Write the first episode step by step, as CSV
+    #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
+    pub log: Option<PathBuf>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,158 @@
+//! `dappo-batch diagnose sweep`: from nothing to Table 1. Each part is a command that a user could give as well.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Parser;
+use dappo_learn::Result;
+use dappo_learn::config::Layers;
+use dappo_learn::diagnose::Method;
+use dappo_learn::diagnose::dataset::Dataset;
+use dappo_learn::diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
+use dappo_learn::run_folder::RunFolder;
+use pyo3::prelude::*;
+
+use super::settings;
+use crate::cli::args::{Cli, Command, DiagnoseCommand, SweepArgs};
+use crate::cli::{INTERRUPTED, console, signals, train};
+use crate::errors::{Kind, from_learn, raise};
+
+/// Seed of the test rollouts; training rollouts have seed 0.
+const TEST_SEED: &str = "1000000";
+
+pub fn run(py: Python<'_>, arguments: &SweepArgs) -> PyResult<i32> {
+    let grid = grid(arguments).map_err(|error| from_learn(&error))?;
+    let base = settings(Layers::default(), &arguments.set).map_err(|error| from_learn(&error))?;
+    let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
+    let mut commands = Vec::new();
+    let expert = arguments.expert.clone().unwrap_or_else(|| arguments.out.join("expert"));
+    if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps as u64) {
+        commands.push(expert_command(arguments, &expert));
+    }
+    let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
+    let collect = |rollouts: String, seed: &str, out: &Path| {
+        let (expert, out, steps) = (text(&expert), text(out), most(&grid.timesteps));
+        [
+            "diagnose",
+            "collect",
+            &expert,
+            "--rollouts",
+            &rollouts,
+            "--timesteps",
+            &steps,
+            "--seed",
+            seed,
+            "--out",
+            &out,
+        ]
+        .map(ToOwned::to_owned)
+        .to_vec()
+    };
+    commands.push(collect(most(&grid.rollouts), "0", &pairs));
+    commands.push(collect(arguments.test_rollouts.to_string(), TEST_SEED, &test));
+    for command in commands {
+        let code = give(py, &command)?;
+        if code != 0 {
+            return Ok(code);
+        }
+    }
+    let open = |folder: &Path| Dataset::open(folder).map_err(|error| from_learn(&error));
+    let (pairs, test) = (open(&pairs)?, open(&test)?);
+    let subject = &pairs.header().subject;
+    let watcher = Watcher { interrupted: signals::watch()? };
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = arguments.jobs.map_or(cores, |jobs| jobs as usize);
+    let data = SweepData { subject, pairs: &pairs, test: &test };
+    let results = py.detach(|| -> Result<Option<Table>> {
+        let Some(results) = sweep(&grid, &base, data, &arguments.out.join("cells"), jobs, &watcher)? else {
+            return Ok(None);
+        };
+        let table = Table::new(&subject.robot, &grid, &results);
+        table.write(&arguments.out)?;
+        Ok(Some(table))
+    });
+    let Some(table) = results.map_err(|error| from_learn(&error))? else {
+        console::note("interrupted; the same command goes on with the cells that are missing");
+        return Ok(INTERRUPTED);
+    };
+    let (above, known) = table.at_or_above_the_paper();
+    console::print(&table.text());
+    console::print_line(&format!("rows at or above the paper: {above} of {known}"));
+    console::print_line(&format!("folder of the sweep: {}", arguments.out.display()));
+    Ok(0)
+}
+
+fn grid(arguments: &SweepArgs) -> Result<Grid> {
+    let counts = |numbers: &[i64]| numbers.iter().map(|&number| number as usize).collect();
+    Ok(Grid {
+        timesteps: counts(&arguments.timesteps),
+        methods: arguments.methods.iter().map(|name| Method::parse(name)).collect::<Result<_>>()?,
+        rollouts: counts(&arguments.rollouts),
+        seeds: arguments.seeds as u64,
+        samples: arguments.samples as usize,
+    })
+}
+
+/// Whether a training of at least so many env steps has come to its end, which is an evaluation.
+fn is_trained(run: &Path, steps: u64) -> bool {
+    let has_budget = RunFolder::open(run).is_ok_and(|(_, config)| config.total_steps >= steps);
+    has_budget && run.join("eval").join("per_class.csv").exists()
+}
+
+/// Trains the expert, or goes on with it.
+fn expert_command(arguments: &SweepArgs, expert: &Path) -> Vec<String> {
+    let (expert_text, steps) = (text(expert), arguments.expert_steps.to_string());
+    let mut command = vec!["train".to_owned()];
+    if expert.join("config.toml").exists() {
+        command.extend(["--resume".into(), expert_text]);
+    } else {
+        command.extend(["--run".into(), expert_text, "--healthy".into()]);
+        if let Some(robot) = &arguments.robot {
+            command.extend(["--robot".into(), robot.clone()]);
+        }
+    }
+    command.extend(["--steps".into(), steps]);
+    command
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+/// Gives a command as a user would; returns its exit code.
+fn give(py: Python<'_>, command: &[String]) -> PyResult<i32> {
+    console::note(&format!("dappo-batch {}", command.join(" ")));
+    let program = "dappo-batch".to_owned();
+    let cli = Cli::try_parse_from([&[program], command].concat())
+        .map_err(|error| raise(Kind::Config, error.to_string()))?;
+    match &cli.command {
+        Command::Train(arguments) => train::run(py, arguments, command),
+        Command::Diagnose(arguments) => match &arguments.command {
+            DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments),
+            _ => Ok(0),
+        },
+        _ => Ok(0),
+    }
+}
+
+/// Says which cells are done and passes Ctrl-C on.
+struct Watcher {
+    interrupted: Arc<AtomicBool>,
+}
+
+impl SweepObserver for Watcher {
+    fn finished(&self, result: &CellResult, done: usize, total: usize) {
+        console::note(&format!(
+            "{done}/{total} {}: {:.2} % (validated {:.2} %), {} epochs",
+            result.cell.name(),
+            100.0 * result.accuracy,
+            100.0 * result.validation_accuracy,
+            result.epochs
+        ));
+    }
+
+    fn should_stop(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,193 @@
+//! `dappo-batch diagnose test`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dappo_learn::diagnose::cost::{Cost, cost};
+use dappo_learn::diagnose::dataset::Dataset;
+use dappo_learn::diagnose::{Diagnoser, PairSource, Report, Summary, TrainingFolder};
+use dappo_learn::run_folder::RunFolder;
+use dappo_learn::{LearnError, Ppo, Result};
+use pyo3::prelude::*;
+use serde_json::json;
+
+use super::with_threads;
+use crate::cli::args::TestDiagnoserArgs;
+use crate::cli::{INTERRUPTED, console, policy, signals};
+use crate::errors::from_learn;
+use crate::factory::TableFactory;
+
+/// A diagnoser on a dataset.
+struct Tested {
+    model: String,
+    data: String,
+    summary: Summary,
+    report: Report,
+    cost: Option<Cost>,
+}
+
+pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<i32> {
+    let follower = arguments.policy.as_deref().map(|run| Follower::open(py, run, arguments)).transpose()?;
+    let interrupted = signals::watch()?;
+    let tested = py.detach(|| {
+        with_threads(arguments.threads, || test_all(arguments, follower.as_ref(), &interrupted))
+            .and_then(|tested| tested)
+    });
+    let Some(tested) = tested.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    if arguments.json {
+        let objects: Vec<_> = tested
+            .iter()
+            .map(|tested| {
+                json!({
+                    "model": tested.model, "data": tested.data, "summary": tested.summary, "cost": tested.cost,
+                    "classes": tested.report.class_names, "class_accuracy": tested.report.class_accuracy(),
+                })
+            })
+            .collect();
+        console::print_line(&serde_json::Value::from(objects).to_string());
+    } else if let [only] = tested.as_slice() {
+        show_classes(&only.report);
+        show_summary(only);
+    } else {
+        tested.iter().for_each(show_summary);
+        show_cross_table(&tested, arguments.data.len());
+    }
+    Ok(0)
+}
+
+/// Every diagnoser on every dataset; `None` when it was interrupted.
+fn test_all(
+    arguments: &TestDiagnoserArgs,
+    follower: Option<&Follower>,
+    interrupted: &Arc<AtomicBool>,
+) -> Result<Option<Vec<Tested>>> {
+    let open = |folder: &PathBuf| {
+        TrainingFolder::open(folder).and_then(|(folder, _)| Ok((Diagnoser::load(&folder.model())?, folder)))
+    };
+    // All are opened before the first one is tested: a mistake shows at once.
+    let models: Vec<_> = arguments.models.iter().map(open).collect::<Result<_>>()?;
+    let datasets: Vec<Dataset> =
+        arguments.data.iter().map(|data| Dataset::open(data)).collect::<Result<_>>()?;
+    let stop = || interrupted.load(Ordering::Relaxed);
+    let mut tested = Vec::new();
+    for (diagnoser, folder) in &models {
+        for (data, path) in datasets.iter().zip(&arguments.data) {
+            if stop() {
+                return Ok(None);
+            }
+            check_subject(diagnoser, data, folder, path)?;
+            let report = diagnoser.evaluate(data, &(0..data.rollouts()).collect::<Vec<_>>())?;
+            let cost = match follower {
+                None => None,
+                Some(follower) => match follower.cost(&report, &stop)? {
+                    None => return Ok(None),
+                    cost => cost,
+                },
+            };
+            let name =
+                path.file_name().map_or_else(|| "data".into(), |name| name.to_string_lossy().into_owned());
+            report.write(&folder.eval(), &name)?;
+            tested.push(Tested {
+                model: folder.root().display().to_string(),
+                data: path.display().to_string(),
+                summary: report.summary(),
+                report,
+                cost,
+            });
+        }
+    }
+    Ok(Some(tested))
+}
+
+fn check_subject(diagnoser: &Diagnoser, data: &Dataset, folder: &TrainingFolder, path: &Path) -> Result<()> {
+    if diagnoser.description().subject == data.header().subject {
+        return Ok(());
+    }
+    Err(LearnError::Invalid(format!(
+        "the diagnoser in {} knows {} damage classes of robot `{}`, the records in {} are of {} classes of `{}`; \
+         they must be the same",
+        folder.root().display(),
+        diagnoser.description().subject.classes(),
+        diagnoser.description().subject.robot,
+        path.display(),
+        data.header().subject.classes(),
+        data.header().subject.robot
+    )))
+}
+
+/// The policy that believes a diagnosis.
+struct Follower {
+    ppo: Ppo,
+    config: dappo_learn::config::Config,
+    factory: TableFactory,
+}
+
+impl Follower {
+    fn open(py: Python<'_>, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
+        let (folder, mut config) = RunFolder::open(run).map_err(|error| from_learn(&error))?;
+        config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+        config.evaluation.episodes =
+            arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
+        let factory = TableFactory::compile(py, &config)?;
+        let loaded = py.detach(|| policy::load(&folder, &config, &factory));
+        Ok(Self { ppo: loaded.map_err(|error| from_learn(&error))?.ppo, config, factory })
+    }
+
+    fn cost(&self, report: &Report, stop: &dyn Fn() -> bool) -> Result<Option<Cost>> {
+        cost(report, &self.ppo, &self.config, &self.factory, stop)
+    }
+}
+
+fn show_classes(report: &Report) {
+    console::print_line("accuracy %  class");
+    for (name, accuracy) in report.class_names.iter().zip(report.class_accuracy()) {
+        console::print_line(&format!("{:>10.2}  {name}", 100.0 * accuracy));
+    }
+}
+
+fn show_summary(tested: &Tested) {
+    let Summary { rollouts, windows, accuracy, standard_error, held_out_accuracy, calibration_error, .. } =
+        tested.summary;
+    let error =
+        if standard_error.is_nan() { String::new() } else { format!(" ± {:.2}", 100.0 * standard_error) };
+    console::print_line(&format!("{} on {}", tested.model, tested.data));
+    console::print_line(&format!(
+        "  accuracy {:.2}{error} % of {windows} windows, {rollouts} rollouts; calibration error {:.2} %",
+        100.0 * accuracy,
+        100.0 * calibration_error
+    ));
+    if let Some(accuracy) = held_out_accuracy {
+        console::print_line(&format!("  on classes that it was not trained on: {:.2} %", 100.0 * accuracy));
+    }
+    if let Some(cost) = &tested.cost {
+        console::print_line(&format!(
+            "  forward reward of the policy: {:.1} told the truth, {:.1} told the diagnosis: gait-equivalent accuracy {:.2} %",
+            cost.told_truth,
+            cost.told_diagnosis,
+            100.0 * cost.gait_equivalent_accuracy
+        ));
+        for mistake in cost.mistakes.iter().take(3) {
+            console::print_line(&format!(
+                "    {:.1} % of {} are called {}, which changes the reward from {:.0} to {:.0}",
+                100.0 * mistake.share,
+                mistake.class,
+                mistake.named,
+                mistake.told_truth,
+                mistake.told_mistake
+            ));
+        }
+    }
+}
+
+/// Accuracies in per cent: a row a diagnoser, a column a dataset.
+fn show_cross_table(tested: &[Tested], datasets: usize) {
+    console::print_line("accuracy %");
+    for row in tested.chunks(datasets) {
+        let cells: Vec<String> =
+            row.iter().map(|tested| format!("{:>8.2}", 100.0 * tested.summary.accuracy)).collect();
+        console::print_line(&format!("{}  {}", cells.concat(), row[0].model));
+    }
+    let names: Vec<&str> = tested[..datasets].iter().map(|tested| tested.data.as_str()).collect();
+    console::print_line(&format!("columns: {}", names.join(", ")));
+}

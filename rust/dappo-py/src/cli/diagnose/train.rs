@@ -1,0 +1,170 @@
+//! `dappo-batch diagnose train`.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dappo_learn::config::Layers;
+use dappo_learn::diagnose::dataset::Dataset;
+use dappo_learn::diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
+use dappo_learn::diagnose::{DiagnoserConfig, PairSource, Split, Subject, TrainingFolder};
+use dappo_learn::{LearnError, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use pyo3::prelude::*;
+
+use super::{settings, with_threads};
+use crate::cli::args::TrainDiagnoserArgs;
+use crate::cli::{INTERRUPTED, console, signals};
+use crate::errors::from_learn;
+
+pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs) -> PyResult<i32> {
+    let data = Dataset::open(&arguments.data).map_err(|error| from_learn(&error))?;
+    let subject = &data.header().subject;
+    let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
+    if !arguments.json {
+        console::note(&describe(&config, &data, &folder));
+    }
+    let mut display = Display::new(&config, arguments.json, signals::watch()?);
+    let resume = arguments.resume.is_some();
+    let outcome = py.detach(|| {
+        with_threads(arguments.threads, || {
+            let outcome = train(&config, subject, &data, &folder, resume, &mut display)?;
+            if let (false, Some((_, diagnoser))) = (outcome.interrupted, &outcome.best) {
+                let validation = Split::of(&config, &data).validation;
+                diagnoser.evaluate(&data, &validation)?.write(&folder.eval(), "validation")?;
+            }
+            Ok(outcome)
+        })
+    });
+    display.bar.finish_and_clear();
+    let outcome = outcome.and_then(|outcome| outcome).map_err(|error| from_learn(&error))?;
+    let root = folder.root().display();
+    if outcome.interrupted {
+        console::note(&format!(
+            "interrupted after {} epochs; go on with: dappo-batch diagnose train {} --resume {root}",
+            outcome.epochs,
+            arguments.data.display()
+        ));
+        return Ok(INTERRUPTED);
+    }
+    if let (false, Some((best, _))) = (arguments.json, outcome.best) {
+        console::print_line(&format!(
+            "accuracy on the validation rollouts: {:.2} % of {} classes, epoch {} of {}",
+            100.0 * best.validation_accuracy,
+            subject.classes(),
+            best.epoch,
+            outcome.epochs
+        ));
+        console::print_line(&format!("folder of the training: {root}"));
+    }
+    Ok(0)
+}
+
+/// A new training, or an earlier one with its settings.
+fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(TrainingFolder, DiagnoserConfig)> {
+    if let Some(folder) = &arguments.resume {
+        return TrainingFolder::open(folder);
+    }
+    let mut layers = Layers::default();
+    layers.set("timesteps", arguments.timesteps.unwrap_or(data.timesteps() as i64))?;
+    for (key, value) in [("rollouts", arguments.rollouts), ("seed", arguments.seed)] {
+        if let Some(value) = value {
+            layers.set(key, value)?;
+        }
+    }
+    for (key, value) in [("method", &arguments.method), ("head", &arguments.head)] {
+        if let Some(value) = value {
+            layers.set(key, value.as_str())?;
+        }
+    }
+    let mut config = settings(layers, &arguments.set)?;
+    for name in &arguments.held_out {
+        config.held_out.push(class_id(&data.header().subject, name)?);
+    }
+    config.check_source(data)?;
+    let Some(out) = &arguments.out else {
+        return Err(LearnError::Invalid("the folder of the training is missing; give it with --out".into()));
+    };
+    Ok((TrainingFolder::create(out, &config)?, config))
+}
+
+/// The class with this name or number.
+fn class_id(subject: &Subject, name: &str) -> Result<usize> {
+    let by_number = name.parse().ok().filter(|&class: &usize| class < subject.classes());
+    let by_name = || subject.class_names.iter().position(|known| known == name.trim());
+    by_number.or_else(by_name).ok_or_else(|| {
+        LearnError::Invalid(format!(
+            "`{name}` is no damage class of the data; expected a number from 0 to {} or a name such as `{}`",
+            subject.classes().saturating_sub(1),
+            subject.class_names.last().map_or("healthy", String::as_str)
+        ))
+    })
+}
+
+fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -> String {
+    format!(
+        "{} · method {} · {} steps · {} of {} rollouts × {} classes · preset {} → {}",
+        data.header().subject.robot,
+        config.method.name(),
+        config.timesteps,
+        config.rollouts.unwrap_or(data.rollouts()),
+        data.rollouts(),
+        data.classes(),
+        data.header().preset().name(),
+        folder.root().display()
+    )
+}
+
+/// Shows epochs and passes Ctrl-C on.
+struct Display {
+    bar: ProgressBar,
+    json: bool,
+    interrupted: Arc<AtomicBool>,
+    last: String,
+}
+
+impl Display {
+    fn new(config: &DiagnoserConfig, json: bool, interrupted: Arc<AtomicBool>) -> Self {
+        let bar = if json { ProgressBar::hidden() } else { ProgressBar::new(1000 * config.epochs as u64) };
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
+            bar.set_style(style);
+        }
+        Self { bar, json, interrupted, last: String::new() }
+    }
+}
+
+impl Observer for Display {
+    fn progress(&mut self, progress: &EpochProgress) {
+        let EpochProgress { epoch, epochs, samples, samples_per_epoch, samples_per_second, train_loss } =
+            progress;
+        self.bar.set_position(1000 * (epoch - 1) + 1000 * samples / samples_per_epoch);
+        let rate = samples_per_second / 1000.0;
+        self.bar.set_message(format!(
+            "epoch {epoch}/{epochs} · loss {train_loss:.3} · {rate:.1} k samples/s{}",
+            self.last
+        ));
+    }
+
+    fn epoch(&mut self, metrics: &EpochMetrics) {
+        if self.json {
+            if let Ok(line) = serde_json::to_string(metrics) {
+                console::print_line(&line);
+            }
+            return;
+        }
+        self.last = format!(" · validated {:.2} %", 100.0 * metrics.validation_accuracy);
+        if self.bar.is_hidden() {
+            // Not a terminal: one line an epoch.
+            console::note(&format!(
+                "epoch {} · loss {:.3} · {:.1} k samples/s{}",
+                metrics.epoch,
+                metrics.train_loss,
+                metrics.samples_per_second / 1000.0,
+                self.last
+            ));
+        }
+    }
+
+    fn should_stop(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,168 @@
+//! `Controller` in Python, and what a controller is made of.
+
+use std::path::{Path, PathBuf};
+
+use dappo_learn::config::{Config, Layers};
+use dappo_learn::controller::{Controller, ControllerConfig, Skills};
+use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder};
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::evaluate::mean_velocities;
+use dappo_learn::run_folder::RunFolder;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::cli::policy;
+use crate::errors::{Kind, from_learn, raise};
+use crate::factory::{TableFactory, to_python};
+use crate::vector_env::not_contiguous;
+
+/// Where the parts of a controller lie that its policy does not bring along.
+pub struct Parts<'a> {
+    /// Run folder of the expert; the policy itself, as if nothing were damaged, for `None`.
+    pub expert: Option<&'a Path>,
+    /// Folder of the diagnoser's training.
+    pub diagnoser: &'a Path,
+}
+
+impl Parts<'_> {
+    /// Reads all parts; `factory` and `config` are those of the policy's run.
+    pub fn load(
+        &self,
+        folder: &RunFolder,
+        config: &Config,
+        factory: &TableFactory,
+    ) -> dappo_learn::Result<Skills> {
+        let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
+        let baselines = mean_velocities(&folder.read_evaluation("per_class.csv")?, &names)?;
+        let policy = policy::load(folder, config, factory)?.ppo;
+        let expert = match self.expert {
+            None => policy::load(folder, config, factory)?.ppo,
+            Some(run) => {
+                let (folder, config) = RunFolder::open(run)?;
+                policy::load(&folder, &config, factory)?.ppo
+            }
+        };
+        let (training, _) = TrainingFolder::open(self.diagnoser)?;
+        let diagnoser = Diagnoser::load(&training.model())?;
+        Ok(Skills { policy, expert: Expert::new(expert), diagnoser, baselines })
+    }
+}
+
+/// The settings of a controller from `KEY=VALUE` texts.
+pub fn settings(trigger: &str, assignments: &[String]) -> dappo_learn::Result<ControllerConfig> {
+    let mut layers = Layers::default();
+    layers.set("trigger", trigger)?;
+    for assignment in assignments {
+        layers.set_assignment(assignment)?;
+    }
+    let config: ControllerConfig = layers.typed()?;
+    config.check()?;
+    Ok(config)
+}
+
+/// Robots that find out by themselves what broke, and walk on.
+#[pyclass(name = "Controller", module = "dappo_batch._core")]
+pub struct PyController {
+    controller: Controller,
+    obs_dim: usize,
+    action_dim: usize,
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+#[pymethods]
+impl PyController {
+    #[new]
+    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new()))]
+    fn new(
+        py: Python<'_>,
+        run: PathBuf,
+        diagnoser: PathBuf,
+        expert: Option<PathBuf>,
+        num_robots: usize,
+        trigger: &str,
+        settings: Vec<String>,
+    ) -> PyResult<Self> {
+        let wanted = self::settings(trigger, &settings).map_err(|error| from_learn(&error))?;
+        let (folder, mut config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
+        // Threads that wait for each other would cost a small fleet more time than they save.
+        config.env.threads = Some(1);
+        let factory = TableFactory::compile(py, &config)?;
+        let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
+        let controller = py.detach(|| {
+            let skills = parts.load(&folder, &config, &factory)?;
+            let twins = factory.backend(num_robots, None, config.evaluation.precision)?;
+            Controller::new(skills, wanted, twins)
+        });
+        let controller = controller.map_err(|error| from_learn(&error))?;
+        Ok(Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller })
+    }
+
+    /// Number of robots.
+    #[getter]
+    fn num_robots(&self) -> usize {
+        self.controller.robots()
+    }
+
+    /// Length of an observation, without damage code.
+    #[getter]
+    fn obs_dim(&self) -> usize {
+        self.obs_dim
+    }
+
+    /// Length of an action.
+    #[getter]
+    fn action_dim(&self) -> usize {
+        self.action_dim
+    }
+
+    /// Names of the damage classes.
+    #[getter]
+    fn class_names(&self) -> Vec<String> {
+        self.controller.class_names().to_vec()
+    }
+
+    /// The damage class that the policy is told of each robot.
+    #[getter]
+    fn damage_classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        PyArray1::from_iter(py, self.controller.classes().into_iter().map(|class| class as i64))
+    }
+
+    /// The next actions.
+    fn act<'py>(
+        &mut self,
+        py: Python<'py>,
+        obs: PyReadonlyArray2<'py, f32>,
+        forward_velocity: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let robots = self.controller.robots();
+        if obs.shape() != [robots, self.obs_dim] || forward_velocity.shape() != [robots] {
+            return Err(raise(
+                Kind::Shape,
+                format!(
+                    "obs have shape {:?} and forward_velocity {:?}, expected [{robots}, {}] (without damage code) and [{robots}]",
+                    obs.shape(),
+                    forward_velocity.shape(),
+                    self.obs_dim
+                ),
+            ));
+        }
+        let rows = obs.as_slice().map_err(not_contiguous)?;
+        let velocities = forward_velocity.as_slice().map_err(not_contiguous)?;
+        let actions =
+            py.detach(|| self.controller.act(rows, velocities)).map_err(|error| from_learn(&error))?;
+        PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
+    }
+
+    /// Begins anew with the robots of a mask, all for `None`.
+    #[pyo3(signature = (mask=None))]
+    fn reset(&mut self, mask: Option<Vec<bool>>) -> PyResult<()> {
+        self.controller.reset(mask.as_deref()).map_err(|error| from_learn(&error))
+    }
+
+    /// Hands over what has happened since the last call, as dicts.
+    fn take_events<'py>(&mut self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let event = |event| Ok(to_python(py, &event)?.cast_into::<PyDict>()?);
+        self.controller.take_events().into_iter().map(event).collect()
+    }
+}

@@ -1,0 +1,13 @@
+"""The paper's Table 1, which the diagnoser's sweep prints beside its own results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ORACLE = Path(__file__).parent / "paper_table1.csv"
+SOURCE = Path(__file__).parents[2] / "rust/dappo-learn/src/diagnose/sweep/paper_table1.csv"
+
+
+def test_the_program_holds_the_papers_numbers() -> None:
+    assert SOURCE.read_text() == ORACLE.read_text()
+    assert len(SOURCE.read_text().splitlines()) == 1 + 36

@@ -1,0 +1,342 @@
+"""The run-time loop: `dappo-batch adapt`, and `Controller` against robots and sensors that fail."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dappo_batch
+from dappo_batch import Controller
+
+from .command_line import dappo_batch as run
+from .command_line import dappo_batch_many
+
+SIZES = (
+    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]"),
+    *("damage.max_damaged_limbs=1", "evaluation.episodes=1", "env.max_episode_steps=200"),
+)
+CLASSES = 9
+ONSET = 60
+EPISODES = 6
+Record = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
+    root = tmp_path_factory.mktemp("controller")
+    windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
+    network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
+    done = dappo_batch_many(
+        ("train", *SIZES, "--steps", "196608", "--run", root / "aware"),
+        ("train", *SIZES, "--healthy", "--steps", "8192", "--run", root / "expert"),
+        ("diagnose", "collect", root / "aware", *windows, "--rollouts", "300", "--out", root / "pairs"),
+        ("diagnose", "train", root / "pairs", "--out", root / "diagnoser", "--set", *network),
+    )
+    assert [code for code, _, _ in done] == [0] * len(done), done
+    return root
+
+
+def equipment(parts: Path) -> tuple[str | Path, ...]:
+    return (parts / "aware", "--diagnoser", parts / "diagnoser")
+
+
+def make(parts: Path, num_robots: int = 1, **settings: float) -> Controller:
+    return Controller(
+        parts / "aware", diagnoser=parts / "diagnoser", num_robots=num_robots, settings=settings
+    )
+
+
+def kinds(controller: Controller, robot: int = 0) -> list[str]:
+    return [event["event"] for event in controller.events if event["robot"] == robot]
+
+
+def told(controller: Controller) -> list[str]:
+    return [controller.class_names[index] for index in controller.damage_classes]
+
+
+class Robots:
+    """Walks of robots whose damage can be changed at any time."""
+
+    def __init__(self, damage: list[str], seed: int = 7) -> None:
+        self.envs = dappo_batch.make_vec(
+            "ant", len(damage), damage="healthy", observe_damage=False, max_damaged_limbs=1, seed=seed
+        )
+        self.damage = damage
+        self.obs, _ = self.envs.reset(options={"damage_class": damage})
+        self.velocity = np.zeros(len(damage))
+
+    def become(self, damage: list[str]) -> None:
+        """Change the damage; positions and velocities go on."""
+        self.damage = damage
+        state = self.envs.get_state()
+        self.envs.reset(options={"damage_class": damage})
+        self.obs = self.envs.set_state(*state)
+
+    def walk(
+        self,
+        controller: Controller,
+        steps: int,
+        sensors: Callable[[int, NDArray[np.float32]], NDArray[np.float32]] = lambda _, obs: obs,
+    ) -> None:
+        """Walk under a controller that reads the observations through `sensors`."""
+        for step in range(steps):
+            actions = controller.act(sensors(step, self.obs), self.velocity)
+            assert np.isfinite(actions).all()
+            self.obs, _, terminated, _, infos = self.envs.step(actions)
+            if terminated.any():
+                # Nobody puts a robot in the field back on its feet.
+                self.become(self.damage)
+            self.velocity = infos["forward_velocity"]
+
+
+@pytest.fixture(scope="module")
+def trial(parts: Path) -> Record:
+    out, _ = run("adapt", *equipment(parts), "--all-classes", *at(ONSET), "--json")
+    summary: Record = json.loads(out)["summary"]
+    return summary
+
+
+def at(onset: int, episodes: int = EPISODES) -> tuple[str, ...]:
+    return ("--at", str(onset), "--episodes", str(episodes))
+
+
+def test_every_damage_is_noticed_named_and_told_and_healthy_robots_are_left_alone(trial: Record) -> None:
+    healthy, *damaged = trial["classes"]
+    assert len(damaged) == CLASSES - 1
+    assert healthy["false_alarms"] == 0
+    assert healthy["adapted"] == healthy["oracle"] == healthy["unadapted"]
+    assert [row["detected"] for row in damaged] == [EPISODES] * len(damaged)
+    assert all(row["median_delay"] <= 30 for row in damaged)
+    # By chance, one in nine would be right.
+    assert trial["right_at_first"] > 0.8
+    assert trial["right_at_last"] > 0.8
+
+
+def test_the_table_of_all_classes_is_what_was_printed(parts: Path, trial: Record) -> None:
+    with (parts / "aware" / "eval" / "adapt.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == [row["name"] for row in trial["classes"]]
+    for row, printed in zip(rows, trial["classes"], strict=True):
+        assert float(row["adapted"]) == pytest.approx(printed["adapted"], abs=0.006)
+        assert int(row["right_at_first"]) == printed["right_at_first"]
+        assert row["median_delay"] == (
+            "" if printed["median_delay"] is None else f"{printed['median_delay']:.1f}"
+        )
+    assert json.loads((parts / "aware" / "eval" / "adapt.json").read_text()) == trial
+
+
+def test_a_single_damage_is_told_as_a_story_and_logged_step_by_step(parts: Path, tmp_path: Path) -> None:
+    log = tmp_path / "trace.csv"
+    out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET, 1), "--log", log)
+    assert "damage suspected" in out
+    assert "the policy is told: missing_toe@3" in out
+    with log.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 200
+    assert [row["damage"] for row in rows[ONSET - 1 : ONSET + 1]] == ["healthy", "missing_toe@3"]
+    (suspected,) = (index for index, row in enumerate(rows) if "suspected" in row["event"])
+    (adapted,) = (index for index, row in enumerate(rows) if "adapted" in row["event"])
+    assert ONSET < suspected < adapted == suspected + 20, "an examination lasts as long as a window"
+    assert {row["told"] for row in rows[:adapted]} == {"healthy"}
+    assert {row["told"] for row in rows[adapted:]} == {"missing_toe@3"}
+
+
+def test_a_fleet_is_controlled_as_its_robots_would_be_alone(parts: Path) -> None:
+    damages = ["healthy", "jammed_joint@2", "jammed_joint@0"]
+    fleet, robots = make(parts, 3), Robots(["healthy"] * 3)
+    alone = [make(parts) for _ in damages]
+    for steps, struck in ((ONSET, ["healthy"] * 3), (60, damages)):
+        robots.become(struck)
+        for _ in range(steps):
+            actions = fleet.act(robots.obs, robots.velocity)
+            for index, controller in enumerate(alone):
+                action = controller.act(robots.obs[index], robots.velocity[index])
+                np.testing.assert_allclose(action, actions[index], rtol=0, atol=1e-6)
+            robots.obs, _, _, _, infos = robots.envs.step(actions)
+            robots.velocity = infos["forward_velocity"]
+    assert told(fleet) == damages
+    for index, controller in enumerate(alone):
+        assert kinds(controller) == kinds(fleet, index)
+        assert controller.damage_classes == [fleet.damage_classes[index]]
+
+
+def test_another_expert_walks_during_an_examination_and_only_then(parts: Path) -> None:
+    def actions(expert: str | None) -> tuple[NDArray[np.float32], list[int]]:
+        folders = {"diagnoser": parts / "diagnoser", "expert": parts / expert if expert else None}
+        controller, robots = Controller(parts / "aware", **folders), Robots(["healthy"])
+        taken = []
+        for step in range(ONSET + 30):
+            if step == ONSET:
+                robots.become(["jammed_joint@2"])
+            taken.append(controller.act(robots.obs, robots.velocity))
+            # What the robot does is the same whoever controls it, so that the actions can be compared.
+            robots.obs, _, _, _, infos = robots.envs.step(
+                np.full((1, 8), 0.3 * np.sin(0.5 * step), np.float32)
+            )
+            robots.velocity = infos["forward_velocity"]
+        return np.concatenate(taken), [event["step"] for event in controller.events]
+
+    own, begun = actions(None)
+    same, _ = actions("aware")
+    other, begun_with_other = actions("expert")
+    np.testing.assert_array_equal(own, same)
+    first = begun[0]
+    assert first == begun_with_other[0]
+    np.testing.assert_array_equal(own[:first], other[:first])
+    assert (own[first : first + 20] != other[first : first + 20]).any(axis=1).all()
+
+
+def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+
+    def sensors(step: int, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        obs = obs.copy()
+        if step in (20, 90):
+            obs[:] = np.nan
+        if 100 <= step < 110:
+            obs[0, 5] = np.inf
+        return obs
+
+    robots.walk(controller, 150, sensors)
+    assert kinds(controller) == ["readings_lost", "readings_back"] * 3
+    assert [event["step"] for event in controller.events] == [20, 21, 90, 91, 100, 110]
+    assert [event["faults"] for event in controller.events[::2]] == [111, 111, 1]
+    # Lost from the first step on: nothing is known, and still there is an action.
+    assert np.isfinite(make(parts).act(np.full(111, np.nan), np.nan)).all()
+
+
+def test_readings_beyond_all_bounds_end_in_finite_actions(parts: Path) -> None:
+    controller = make(parts)
+    for reading in (1e30, -1e30, 0.0, 1e-40):
+        for _ in range(100):
+            assert np.isfinite(controller.act(np.full(111, reading), reading)).all()
+    assert "suspected" in kinds(controller)
+
+
+def test_contact_forces_that_are_off_and_little_noise_raise_no_suspicion(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+    rng = np.random.default_rng(0)
+
+    def sensors(_: int, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        noise = np.repeat([1e-4, 1e-3, 0.5], [13, 14, 84])  # of positions, velocities and contact forces
+        return obs + (noise * rng.standard_normal(111)).astype(np.float32)
+
+    robots.walk(controller, 150, sensors)
+    assert kinds(controller) == []
+
+
+def test_a_sensor_that_is_stuck_is_suspected_and_examined_ever_more_rarely(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+    stuck: list[NDArray[np.float32]] = []
+
+    def sensors(step: int, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        if step == ONSET:
+            stuck.append(obs.copy())
+        # Joint velocities that never change.
+        return obs if step < ONSET else np.concatenate([obs[:, :19], stuck[0][:, 19:27], obs[:, 27:]], axis=1)
+
+    robots.walk(controller, 600, sensors)
+    begun = [event["step"] for event in controller.events if event["event"] == "suspected"]
+    assert begun[0] > ONSET
+    waits = np.diff(begun)
+    assert len(waits) >= 2
+    assert all(later > earlier for earlier, later in pairwise(waits)), begun
+
+
+def test_another_damage_and_its_repair_are_noticed_as_the_first_one_was(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+    robots.walk(controller, ONSET)
+    for damage, steps in (("missing_toe@1", 60), ("jammed_joint@2", 70), ("healthy", 100)):
+        robots.become([damage])
+        robots.walk(controller, steps)
+        assert told(controller) == [damage]
+    assert kinds(controller) == ["suspected", "diagnosed", "adapted"] * 3
+
+
+def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Path) -> None:
+    controller, robots = make(parts), Robots(["healthy"])
+    robots.walk(controller, ONSET)
+    robots.become(["missing_toe@1"])
+    while not controller.events:
+        robots.walk(controller, 1)
+    robots.walk(controller, 15)
+    robots.become(["jammed_joint@2"])
+    # What is named after a window of two damages may be wrong, but it does not last.
+    robots.walk(controller, 350)
+    assert told(controller) == ["jammed_joint@2"]
+
+
+def test_a_diagnosis_without_confidence_is_not_believed(parts: Path) -> None:
+    controller, robots = make(parts, confidence=1.0), Robots(["healthy"])
+    robots.walk(controller, ONSET)
+    robots.become(["missing_toe@1"])
+    robots.walk(controller, 60)
+    assert kinds(controller) == ["suspected", "diagnosed"]
+    assert controller.events[-1]["accepted"] is False
+    assert controller.damage_classes == [0]
+
+
+def test_a_reset_forgets_the_damage_of_the_robots_in_its_mask(parts: Path) -> None:
+    controller, robots = make(parts, 2), Robots(["healthy"] * 2)
+    robots.walk(controller, ONSET)
+    robots.become(["missing_toe@1", "missing_toe@1"])
+    robots.walk(controller, 60)
+    named = controller.damage_classes
+    assert (named > 0).all()
+    controller.reset([True, False])
+    assert controller.damage_classes.tolist() == [0, named[1]]
+    controller.reset()
+    assert controller.damage_classes.tolist() == [0, 0]
+
+
+def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts: Path) -> None:
+    controller = Controller(
+        parts / "aware", diagnoser=parts / "diagnoser", trigger="speed", settings={"speed_window": 10}
+    )
+    obs = Robots(["healthy"]).obs
+    with (parts / "aware" / "eval" / "per_class.csv").open(newline="") as file:
+        healthy = next(csv.DictReader(file))
+    expected = float(healthy["forward_reward"]) / float(healthy["episode_length"])
+    for _ in range(80):
+        controller.act(obs, np.array([expected - 1.0]))
+    suspected = next(event for event in controller.events if event["event"] == "suspected")
+    assert suspected["expected"] == pytest.approx(expected, abs=1e-3)
+    assert suspected["forward_velocity"] == pytest.approx(expected - 1.0)
+    assert suspected["residual"] is None
+    assert suspected["step"] == 50, "after the cool-down"
+
+
+def test_what_cannot_be_used_is_refused_with_the_reason(parts: Path) -> None:
+    with pytest.raises(dappo_batch.ConfigError, match=r"confidence is 2, expected a number in \[0, 1\]"):
+        make(parts, confidence=2)
+    with pytest.raises(dappo_batch.ConfigError, match="trigger"):
+        Controller(parts / "aware", diagnoser=parts / "diagnoser", trigger="pain")
+    with pytest.raises(dappo_batch.ConfigError, match="is no run folder"):
+        Controller(parts / "nowhere", diagnoser=parts / "diagnoser")
+    with pytest.raises(dappo_batch.ShapeError, match=r"\[1, 119\].*expected \[1, 111\]"):
+        make(parts).act(np.zeros(119), 0.0)
+    _, err = run("adapt", *equipment(parts), "--damage", "missing_toe@9", code=1)
+    assert "missing_toe@9" in err
+    _, err = run("adapt", *equipment(parts), "--damage", "missing_toe@1", *at(200), code=1)
+    assert "strike at step 200, but an episode has 200 steps" in err
+    _, err = run("adapt", *equipment(parts), "--damage", "1", "--unaware", parts / "aware", code=1)
+    assert "observes the damage" in err
+
+
+def test_a_damage_that_the_controller_does_not_know_is_mapped_to_one_that_it_does(parts: Path) -> None:
+    half = ("--set", "damage.severity=0.5")
+    out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@1", *at(ONSET), *half, "--json")
+    result = json.loads(out)
+    assert result["summary"]["classes"][0]["detected"] == EPISODES
+    names = make(parts).class_names
+    first = [next(e for e in events if e["event"] == "diagnosed") for events in result["events"]]
+    assert {names[event["class"]] for event in first} <= set(names)
