@@ -25,7 +25,18 @@ wp.set_module_options({"enable_backward": False})
 
 
 class PhysicsOverflowError(RuntimeError):
-    """More contacts or constraints than there is room for: the physics of some steps was wrong."""
+    """More contacts or constraints than there is room for: the physics of some steps was wrong.
+
+    Attributes
+    ----------
+    njmax, nconmax : int
+        The room there was: constraints of a world, contacts a world on average.
+    """
+
+    def __init__(self, message: str, njmax: int, nconmax: int) -> None:
+        super().__init__(message)
+        self.njmax = njmax
+        self.nconmax = nconmax
 
 
 @wp.kernel
@@ -146,6 +157,11 @@ class Worlds:
         """Length of an action."""
         return int(self.task.models[0].nu)
 
+    @property
+    def row_length(self) -> int:
+        """Length of the rows of `read_state`."""
+        return sum(int(np.prod(array.shape[1:])) for array in self._state())
+
     def step(self, actions: wp.array2d[wp.float32]) -> None:
         """Advance every world by one env step; where an episode ends, the next one begins at once.
 
@@ -154,25 +170,36 @@ class Worlds:
         actions : wp.array of shape [N, A]
             Clipped to ±1.
         """
-        model, data, episodes = self.model, self.data, self.episodes
+        episodes = self.episodes
+        strike(episodes, self._struck)
+        self._fields.gather(self._struck, episodes.damage_class)
+        self.advance(actions)
+        count_step(episodes, self.outcome, self.endings)
+        keep_final(episodes, self.obs, self.endings)
+        self._begin(self.endings.ended)
+
+    def advance(self, actions: wp.array2d[wp.float32]) -> None:
+        """Do the physics of an env step alone, judge and observe it: no onset, no end of an episode.
+
+        Parameters
+        ----------
+        actions : wp.array of shape [N, A]
+            Clipped to ±1.
+        """
+        model, data, classes = self.model, self.data, self.episodes.damage_class
         wp.launch(
             apply_actions,
             dim=actions.shape,
             inputs=[self.task.action_scale, actions],
             outputs=[data.ctrl, self.nonfinite_actions],
         )
-        strike(episodes, self._struck)
-        self._fields.gather(self._struck, episodes.damage_class)
         for _ in range(self.task.frame_skip):
             mjw.step(model, data)
         mjw.rne_postconstraint(model, data)
         self._judge.judge(data, self.outcome)
         wp.launch(count_divergences, self.num_worlds, inputs=[self.outcome.diverged], outputs=[self.diverged])
-        self._reset.rest(model, data, self.outcome.diverged, episodes.damage_class)
-        self._observer.observe(data, self._everyone, episodes.damage_class, self.obs)
-        count_step(episodes, self.outcome, self.endings)
-        keep_final(episodes, self.obs, self.endings)
-        self._begin(self.endings.ended)
+        self._reset.rest(model, data, self.outcome.diverged, classes)
+        self._observer.observe(data, self._everyone, classes, self.obs)
 
     def reset(
         self,
@@ -205,13 +232,45 @@ class Worlds:
         for counter in (self.diverged, self.nonfinite_actions, self.data.overflow):
             counter.zero_()
 
-    def set_state(self, qpos: ArrayLike, qvel: ArrayLike) -> None:
-        """Put all worlds into states [N, nq] and [N, nv], at rest from forces; their episodes go on."""
-        self._reset.rest(self.model, self.data, self._everyone, self.episodes.damage_class)
-        self.data.qpos.assign(np.asarray(qpos, dtype=np.float32))
-        self.data.qvel.assign(np.asarray(qvel, dtype=np.float32))
-        self._reset.settle(self.model, self.data, self._everyone, self.outcome)
-        self._observer.observe(self.data, self._everyone, self.episodes.damage_class, self.obs)
+    def set_state(self, qpos: ArrayLike, qvel: ArrayLike, mask: NDArray[np.bool_] | None = None) -> None:
+        """Put worlds into states [N, nq] and [N, nv], at rest from forces; their episodes go on.
+
+        Parameters
+        ----------
+        qpos, qvel : array of shape [N, nq] and [N, nv]
+            Positions and velocities.
+        mask : array of shape [N], optional
+            Worlds that are put there; all by default.
+        """
+        chosen = self._everyone if mask is None else wp.array(mask, dtype=wp.bool)
+        self._reset.rest(self.model, self.data, chosen, self.episodes.damage_class)
+        rows = np.ones(self.num_worlds, dtype=np.bool_) if mask is None else mask
+        for array, values in ((self.data.qpos, qpos), (self.data.qvel, qvel)):
+            array.assign(np.where(rows[:, None], np.asarray(values, dtype=np.float32), array.numpy()))
+        self._reset.settle(self.model, self.data, chosen, self.outcome)
+        self._observer.observe(self.data, chosen, self.episodes.damage_class, self.obs)
+
+    def read_state(self) -> NDArray[np.float32]:
+        """Return what the physics goes on from, one row a world: time, x, qpos, qvel, act, warm start."""
+        return np.concatenate([_rows(array) for array in self._state()], axis=1)
+
+    def write_state(self, rows: NDArray[np.float32], mask: NDArray[np.bool_] | None = None) -> None:
+        """Go back to rows that `read_state` has returned, in the worlds of `mask` [N] or in all.
+
+        Their damage classes must be those of that time.
+        """
+        chosen = np.ones(self.num_worlds, dtype=np.bool_) if mask is None else mask
+        start = 0
+        for array in self._state():
+            old = _rows(array)
+            new = rows[:, start : start + old.shape[1]]
+            start += old.shape[1]
+            array.assign(np.where(chosen[:, None], new, old).reshape(array.shape))
+
+    def put_on_classes(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Give worlds, those of `mask` [N] or all, the model of their damage class in force."""
+        chosen = self._everyone if mask is None else wp.array(mask, dtype=wp.bool)
+        self._fields.gather(chosen, self.episodes.damage_class)
 
     def check_room(self) -> None:
         """Raise if contacts or constraints were left out since the last call.
@@ -229,7 +288,9 @@ class Worlds:
         raise PhysicsOverflowError(
             f"{int((flags != 0).sum())} of {self.num_worlds} worlds had no room for all contacts or"
             f" constraints ({found.name}); set more than njmax = {self.data.njmax} (constraints in a world)"
-            f" or nconmax = {self.data.naconmax // self.num_worlds} (contacts a world)"
+            f" or nconmax = {self.data.naconmax // self.num_worlds} (contacts a world)",
+            njmax=self.data.njmax,
+            nconmax=self.data.naconmax // self.num_worlds,
         )
 
     def _begin(
@@ -239,15 +300,28 @@ class Worlds:
         onsets: wp.array[wp.int32] | None = None,
     ) -> None:
         self.draws.begin(self.episodes, mask, classes, onsets)
+        self.enter(mask)
+
+    def enter(self, mask: wp.array[wp.bool]) -> None:
+        """Put the selected worlds into the model and the initial state of their episodes."""
         self._fields.gather(mask, self.episodes.damage_class)
         self._reset.begin(self.model, self.data, mask, self.episodes, self.outcome)
         self._observer.observe(self.data, mask, self.episodes.damage_class, self.obs)
+
+    def _state(self) -> tuple[wp.array[wp.float32], ...]:
+        data = self.data
+        return data.time, self.outcome.x, data.qpos, data.qvel, data.act, data.qacc_warmstart
 
     def _fixed(self, values: ArrayLike | None) -> wp.array[wp.int32] | None:
         if values is None:
             return None
         spread = np.broadcast_to(np.asarray(values, dtype=np.int32), self.num_worlds)
         return wp.array(np.where(spread < 0, DRAW, spread), dtype=wp.int32)
+
+
+def _rows(array: wp.array[wp.float32]) -> NDArray[np.float32]:
+    """Return a field as rows, one a world."""
+    return array.numpy().reshape(array.shape[0], -1)
 
 
 def contact_bound(model: mujoco.MjModel) -> tuple[int | None, int | None]:

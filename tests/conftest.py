@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 
@@ -12,14 +13,17 @@ from dappo_batch import ClassTable
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _warp_on_the_cpu() -> Iterator[None]:
-    """Let Warp, where a test has imported it, use the CPU, which runs what a GPU would, and keep quiet."""
+def _warp_on_one_device() -> Iterator[None]:
+    """Let Warp, where a test has imported it, use one device, and keep quiet.
+
+    It is the CPU, which runs what a GPU would, unless ``DAPPO_WARP_DEVICE`` names another one, as ``cuda:0``.
+    """
     if "warp" not in sys.modules:
         yield
         return
     wp = sys.modules["warp"]
     wp.config.log_level = wp.LOG_WARNING
-    with wp.ScopedDevice("cpu"):
+    with wp.ScopedDevice(os.environ.get("DAPPO_WARP_DEVICE", "cpu")):
         yield
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "SimulationError",
     "VectorEnv",
     "__version__",
+    "collect_rollout",
     "run_cli",
 ]
 
@@ -76,6 +77,7 @@ class VectorEnv:
         class_weights: NDArray[np.float64] | None = None,
         onset: tuple[int, int] = ...,
         threads: int | None = None,
+        device: str = "cpu",
         backend: str = "auto",
         precision: str = "f32",
     ) -> VectorEnv: ...
@@ -89,6 +91,8 @@ class VectorEnv:
     def num_threads(self) -> int: ...
     @property
     def backend(self) -> str: ...
+    @property
+    def device(self) -> str: ...
     @property
     def backend_note(self) -> str: ...
     @property
@@ -190,4 +194,5 @@ class Controller:
     def reset(self, mask: Sequence[bool] | None = None) -> None: ...
     def take_events(self) -> list[dict[str, Any]]: ...
 
+def collect_rollout(arguments: Sequence[str]) -> dict[str, NDArray[Any]]: ...
 def run_cli(argv: Sequence[str]) -> int: ...

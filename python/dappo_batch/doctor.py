@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dappo_batch import mujoco_library
+from dappo_batch import devices, mujoco_library
 from dappo_batch._core import LaneWorlds
 from dappo_batch.bench.machine import cores, cpu_flags, cpu_name
 from dappo_batch.class_table import compile_class_table
@@ -73,8 +73,6 @@ _EXTRAS = (
     _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),
     _Extra("torch", "using the environments from PyTorch", "pip install torch"),
     _Extra("envpool", "one more contender in `dappo-batch bench`", "pip install envpool"),
-    _Extra("warp-lang", "simulation on a GPU", "pip install warp-lang"),
-    _Extra("mujoco-warp", "simulation on a GPU", "pip install mujoco-warp"),
 )
 
 
@@ -188,6 +186,19 @@ def _gpu() -> Check:
     return Check("gpu", "missing", "no NVIDIA GPU or no driver; everything runs on the CPU")
 
 
+def _warp() -> Check:
+    """Look at the backend of GPUs: Warp, the driver that it needs, and the devices that it finds."""
+    if reason := devices.problem("warp-cpu"):
+        return Check("warp", "missing", reason, "pip install dappo-batch[gpu]")
+    try:
+        found = devices.report()
+    except Exception as error:
+        # As above: whatever a foreign library raises is the finding.
+        return Check("warp", "failed", f"{type(error).__name__}: {error}", "pip install dappo-batch[gpu]")
+    reason = devices.problem("cuda")
+    return Check("warp", "missing" if reason else "ok", f"{found}; {reason}" if reason else found)
+
+
 def _renderer(name: str) -> Check:
     """Render a picture without a screen, in a process of its own: a bad driver may crash it."""
     environment = os.environ | {"MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}
@@ -245,7 +256,7 @@ def diagnose(*, rendering: bool = True) -> dict[str, Any]:
     """
     groups = {
         "core": _core_checks(),
-        "devices": [_gpu()],
+        "devices": [_gpu(), _warp()],
         "rendering": [*map(_renderer, _RENDERERS), _ffmpeg()] if rendering else [],
         "extras": [_extra(extra) for extra in _EXTRAS],
     }

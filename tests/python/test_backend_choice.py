@@ -17,7 +17,7 @@ from dappo_batch import ClassTable, ConfigError, ShapeError
 from dappo_batch._core import LaneWorlds, run_cli
 from dappo_batch._rotation_correction import rotation_correction
 
-from .command_line import ITERATION, TINY
+from .command_line import ITERATION, TINY, metrics
 from .command_line import dappo_batch as command
 
 TRIPOD = Path(__file__).parent / "robots" / "tripod.toml"
@@ -154,14 +154,16 @@ def test_a_run_names_its_backend_wherever_results_are(tmp_path: Path, backend: s
     out, err = command("train", "--backend", backend, "--run", run, "--steps", str(ITERATION), *TINY)
     assert f"backend {backend}, {precision}" in err
     meta = json.loads((run / "meta.json").read_text())
-    assert (meta["backend"], meta["precision"]) == (backend, precision)
+    named = {"backend": backend, "precision": precision, "device": "cpu", "physics": "rk4"}
+    assert named.items() <= meta.items()
+    assert all(named.items() <= line.items() for line in metrics(run))
     assert f"(backend {backend}, f64)" in out  # evaluations compute in double precision
     header, row, *_ = (run / "eval" / "per_class.csv").read_text().splitlines()
-    assert header.endswith(",backend,precision")
-    assert row.endswith(f",{backend},f64")
+    assert header.endswith(",backend,precision,device,physics")
+    assert row.endswith(f",{backend},f64,cpu,rk4")
     out, _ = command("evaluate", run, "--json", "--backend", "lanes", "--precision", "f32")
     (found,) = json.loads(out)["runs"]
-    assert (found["backend"], found["precision"]) == ("lanes", "f32")
+    assert (found["backend"], found["precision"], found["device"]) == ("lanes", "f32", "cpu")
 
 
 def test_a_run_keeps_the_backend_that_was_chosen_for_it(tmp_path: Path) -> None:

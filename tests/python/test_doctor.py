@@ -40,7 +40,7 @@ def test_the_doctor_finds_the_core_of_this_installation_working(capsys: pytest.C
     assert found["core"]["dappo-batch"]["detail"] == importlib.metadata.version("dappo-batch")
     assert "33 damage classes" in found["core"]["self test"]["detail"]
     assert {"egl", "osmesa", "ffmpeg"} == set(found["rendering"])
-    assert "gpu" in found["devices"]
+    assert set(found["devices"]) == {"gpu", "warp"}
 
 
 @pytest.mark.usefixtures("without_rendering")
@@ -110,6 +110,25 @@ def test_without_driver_and_tool_the_gpu_is_missing_and_nothing_crashes(
     monkeypatch.setattr("shutil.which", lambda _: None)
     monkeypatch.setattr(ctypes.util, "find_library", lambda _: "libno_such_driver.so")
     assert doctor._gpu().status == "missing"
+
+
+def test_the_extra_for_gpus_is_missing_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor.devices.importlib.util, "find_spec", lambda _: None)
+    check = doctor._warp()
+    assert (check.status, check.cure) == ("missing", "pip install dappo-batch[gpu]")
+    assert "warp and mujoco_warp missing" in check.detail
+
+
+def test_warp_is_reported_with_its_devices_and_why_no_gpu_can_be_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    warp = pytest.importorskip("warp")
+    monkeypatch.setattr(doctor.devices, "_has_driver", lambda: False)
+    check = doctor._warp()
+    assert check.status == "missing"
+    assert check.detail.startswith(f"Warp {warp.__version__}, built with CUDA ")
+    assert "cpu" in check.detail
+    assert "there is no NVIDIA driver" in check.detail
 
 
 def test_a_gpu_is_reported_as_its_tool_names_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

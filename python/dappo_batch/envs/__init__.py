@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 
 from dappo_batch.envs.arguments import Damage, Seed
 from dappo_batch.envs.registration import register_envs
-from dappo_batch.envs.simulation import Backend, Physics, Precision, RobotLike
+from dappo_batch.envs.simulation import Backend, Device, Physics, Precision, RobotLike
 from dappo_batch.envs.single_env import DamageEnv
 from dappo_batch.envs.vector_env import DamageVectorEnv
 
@@ -29,6 +29,7 @@ def make_vec(
     max_damaged_limbs: int | None = None,
     physics: Physics | None = None,
     copy: bool = True,
+    device: Device = "cpu",
     backend: Backend = "auto",
     precision: Precision = "f32",
 ) -> DamageVectorEnv:
@@ -71,6 +72,7 @@ def make_vec(
         max_damaged_limbs=max_damaged_limbs,
         physics=physics,
         copy=copy,
+        device=device,
         backend=backend,
         precision=precision,
     )

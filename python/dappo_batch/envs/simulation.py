@@ -28,8 +28,11 @@ RobotLike: TypeAlias = str | Path | Robot | ClassTable
 Physics: TypeAlias = Literal["rk4", "euler"]
 """Integrator of the physics."""
 
+Device: TypeAlias = Literal["auto", "cpu", "cuda", "warp-cpu"]
+"""Where the physics is computed; ``"warp-cpu"`` runs the kernels of a GPU on the CPU, slowly."""
+
 Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
-"""What simulates the physics; ``"auto"`` is the lane engine wherever it knows everything about the robot."""
+"""What simulates on the CPU; ``"auto"`` is the lane engine wherever it knows everything about the robot."""
 
 Precision: TypeAlias = Literal["f32", "f64"]
 """Floating-point format of the lane engine."""
@@ -69,6 +72,7 @@ def native_env(
     threads: int | None,
     onset: int | tuple[int, int],
     max_episode_steps: int | None,
+    device: Device,
     backend: Backend,
     precision: Precision,
 ) -> _core.VectorEnv:
@@ -96,6 +100,7 @@ def native_env(
         class_weights=class_weights(table.space, damage),
         onset=onset_range(onset),
         threads=None if threads is None else integer(threads, "threads", 1),
+        device=device,
         backend=backend,
         precision=precision,
     )

@@ -91,6 +91,7 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             threads=1,
             onset=onset,
             max_episode_steps=NO_TIME_LIMIT if max_episode_steps is None else max_episode_steps,
+            device="cpu",
             backend=backend,
             precision=precision,
         )

@@ -23,6 +23,7 @@ from dappo_batch.envs.arguments import (
 )
 from dappo_batch.envs.simulation import (
     Backend,
+    Device,
     Physics,
     Precision,
     RobotLike,
@@ -73,10 +74,14 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         Integrator; the one in the robot's MJCF if left out.
     copy : bool
         If false, every returned array is a view that the next `step` or `reset` overwrites.
+    device : {"cpu", "cuda", "auto", "warp-cpu"}
+        Where. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single precision; it needs the extra
+        ``gpu``. ``"auto"`` takes it where it can; ``"warp-cpu"`` runs the same kernels on the CPU, slowly.
     backend : {"auto", "lanes", "mujoco"}
-        What simulates. ``"lanes"`` computes MuJoCo's equations for several robots at once and is many times
-        faster; it knows limbed robots on a level floor and refuses all others. ``"mujoco"`` is libmujoco and
-        knows every robot. ``"auto"`` takes ``"lanes"`` wherever it can; `backend_note` says why it cannot.
+        What simulates on the CPU. ``"lanes"`` computes MuJoCo's equations for several robots at once and is
+        many times faster; it knows limbed robots on a level floor and refuses all others. ``"mujoco"`` is
+        libmujoco and knows every robot. ``"auto"`` takes ``"lanes"`` wherever it can; `backend_note` says why
+        it cannot.
     precision : {"f32", "f64"}
         Floating-point format of ``"lanes"``: ``"f32"`` is faster, ``"f64"`` equals MuJoCo up to rounding.
         ``"mujoco"`` always computes in double precision.
@@ -121,6 +126,7 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         max_damaged_limbs: int | None = None,
         physics: Physics | None = None,
         copy: bool = True,
+        device: Device = "cpu",
         backend: Backend = "auto",
         precision: Precision = "f32",
     ) -> None:
@@ -140,6 +146,7 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
             threads=threads,
             onset=onset,
             max_episode_steps=max_episode_steps,
+            device=device,
             backend=backend,
             precision=precision,
         )
@@ -167,8 +174,13 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
 
     @property
     def backend(self) -> str:
-        """Name of the simulation backend, ``"lanes"`` or ``"mujoco"``."""
+        """Name of the simulation backend, ``"lanes"``, ``"mujoco"`` or ``"warp"``."""
         return self._core.backend
+
+    @property
+    def device(self) -> str:
+        """Where the physics is computed, ``"cpu"``, ``"cuda"`` or ``"warp-cpu"``."""
+        return self._core.device
 
     @property
     def backend_note(self) -> str:

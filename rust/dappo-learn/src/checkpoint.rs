@@ -9,15 +9,16 @@ mod env_state;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
-use dappo_sim::VectorEnv;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::cpu;
+use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_synced};
 use crate::ppo::{Ppo, PpoConfig};
+use crate::train::RolloutEngine;
 
 pub use env_state::EnvState;
 
@@ -147,12 +148,12 @@ impl Checkpoint {
         fs::read(&path).map(|bytes| format!("{:08x}", crc32fast::hash(&bytes))).map_err(io(&path))
     }
 
-    /// Reads the learner, which must have seen observations and taken actions of the same lengths as those of `env`.
-    pub fn learner(&self, config: &PpoConfig, env: &VectorEnv) -> Result<Ppo> {
+    /// Reads the learner, which must have seen observations and taken actions of the same lengths.
+    pub fn learner(&self, config: &PpoConfig, sizes: Sizes) -> Result<Ppo> {
         let ppo = Ppo::load(&self.folder, config, &cpu())?;
         for (what, got, expected) in [
-            ("length of an observation", ppo.actor_critic().obs_dim(), env.obs_dim()),
-            ("length of an action", ppo.actor_critic().action_dim(), env.action_dim()),
+            ("length of an observation", ppo.actor_critic().obs_dim(), sizes.obs_dim),
+            ("length of an action", ppo.actor_critic().action_dim(), sizes.action_dim),
         ] {
             if got != expected {
                 let (got, expected) = (got.to_string(), expected.to_string());
@@ -162,10 +163,11 @@ impl Checkpoint {
         Ok(ppo)
     }
 
-    /// Reads the envs and brings `env` into their state; returns the sums over their running episodes.
-    pub fn restore_envs(&self, env: &mut VectorEnv) -> Result<EpisodeTracker> {
+    /// Reads the envs and brings those of `engine` into their state; returns the sums over their running episodes.
+    pub fn restore_envs(&self, engine: &mut dyn RolloutEngine) -> Result<EpisodeTracker> {
         let state = EnvState::load(&self.folder)?;
-        env.restore(&state.envs)
+        engine
+            .restore(&state.envs)
             .map_err(|error| broken(&self.folder, format!("its envs are not those of this run ({error})")))?;
         Ok(state.episodes)
     }

@@ -2,10 +2,23 @@
 
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
-use dappo_sim::{Backend, DamageSpace, Precision, Robot, SimError};
+use dappo_sim::{Backend, DamageSpace, Robot, SimError};
 
 use crate::config::Config;
 use crate::error::Result;
+use crate::simulator::{Compute, Simulator};
+use crate::train::{HostEngine, RolloutEngine};
+
+/// Lengths of what a policy sees and does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sizes {
+    /// Length of an observation, the damage code included.
+    pub obs_dim: usize,
+    /// Length of the damage code in it; 0 when damage is not observed.
+    pub code_length: usize,
+    /// Length of an action.
+    pub action_dim: usize,
+}
 
 /// Makes the envs of one robot and one set of damage classes.
 pub trait EnvFactory {
@@ -15,12 +28,18 @@ pub trait EnvFactory {
     /// Its damage classes.
     fn space(&self) -> &DamageSpace;
 
-    /// The physics of `num_envs` envs with the reward of this name, of this precision where there is a choice.
+    /// Lengths of what the policies of a configuration see and do.
+    fn sizes(&self, config: &Config) -> std::result::Result<Sizes, SimError>;
+
+    /// What simulates when `compute` is asked for.
+    fn simulator(&self, compute: Compute) -> Simulator;
+
+    /// The physics of `num_envs` envs with the reward of this name.
     fn backend(
         &self,
         num_envs: usize,
         reward: Option<&str>,
-        precision: Precision,
+        compute: Compute,
     ) -> std::result::Result<Box<dyn Backend>, SimError>;
 
     /// A vector env with one env for each key of `config`, over a [backend](Self::backend).
@@ -28,9 +47,15 @@ pub trait EnvFactory {
         &self,
         config: VectorEnvConfig,
         reward: Option<&str>,
-        precision: Precision,
+        compute: Compute,
     ) -> std::result::Result<VectorEnv, SimError> {
-        VectorEnv::new(self.backend(config.keys.len(), reward, precision)?, self.space(), config)
+        VectorEnv::new(self.backend(config.keys.len(), reward, compute)?, self.space(), config)
+    }
+
+    /// Where the rollouts of a training come from, at the start of all first episodes.
+    fn engine(&self, config: &Config) -> Result<Box<dyn RolloutEngine>> {
+        let env = self.make(self.env_config(config)?, config.env.reward.as_deref(), config.env.compute())?;
+        Ok(Box::new(HostEngine::new(env, config)?))
     }
 
     /// The training envs of a configuration.

@@ -3,6 +3,9 @@
 use dappo_sim::vector_env::Buffers;
 use serde::Serialize;
 
+use crate::error::{Result, check_length};
+use crate::rollout::Rollout;
+
 /// Running sums of every env's current episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeTracker {
@@ -58,17 +61,41 @@ impl EpisodeTracker {
             // The reset has already overwritten the velocity of an env whose episode ended.
             let velocity =
                 if ended { buffers.final_forward_velocity[env] } else { buffers.forward_velocity[env] };
-            self.forward[env] += velocity;
-            self.returns[env] += buffers.rewards[env];
-            self.lengths[env] += 1.0;
+            self.count(env, velocity, buffers.rewards[env]);
             if ended {
-                self.ended.count += 1;
-                self.ended.falls += u64::from(buffers.terminated[env]);
-                self.ended.forward += std::mem::take(&mut self.forward[env]);
-                self.ended.returns += std::mem::take(&mut self.returns[env]);
-                self.ended.length += std::mem::take(&mut self.lengths[env]);
+                self.end(env, buffers.terminated[env]);
             }
         }
+    }
+
+    /// Adds all steps of a rollout; `forward_velocity` is `[T, N]`, of every step before its reset.
+    pub fn add_rollout(&mut self, rollout: &Rollout, forward_velocity: &[f32]) -> Result<()> {
+        check_length("forward_velocity [T, N]", forward_velocity, rollout.len())?;
+        check_length("envs of the episode tracker", &self.forward, rollout.num_envs)?;
+        for (index, velocity) in forward_velocity.iter().enumerate() {
+            let env = index % rollout.num_envs;
+            self.count(env, f64::from(*velocity), f64::from(rollout.rewards[index]));
+            if rollout.terminated[index] || rollout.truncated[index] {
+                self.end(env, rollout.terminated[index]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a step of an env to its running episode.
+    fn count(&mut self, env: usize, velocity: f64, reward: f64) {
+        self.forward[env] += velocity;
+        self.returns[env] += reward;
+        self.lengths[env] += 1.0;
+    }
+
+    /// Ends the running episode of an env.
+    fn end(&mut self, env: usize, is_fall: bool) {
+        self.ended.count += 1;
+        self.ended.falls += u64::from(is_fall);
+        self.ended.forward += std::mem::take(&mut self.forward[env]);
+        self.ended.returns += std::mem::take(&mut self.returns[env]);
+        self.ended.length += std::mem::take(&mut self.lengths[env]);
     }
 
     /// The means since the last call.
@@ -82,5 +109,37 @@ impl EpisodeTracker {
             episode_length: mean(ended.length),
             fall_rate: mean(ended.falls as f64),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::normalizer::Normalizer;
+
+    #[test]
+    fn the_steps_of_a_rollout_add_up_to_episodes_that_may_begin_in_an_earlier_one() {
+        let mut rollout = Rollout::new(3, 2, 1, Normalizer::new(1, 0).unwrap());
+        rollout.rewards = vec![1.0, 10.0, 2.0, 20.0, 4.0, 40.0];
+        rollout.terminated = vec![false, false, true, false, false, false];
+        rollout.truncated = vec![false, false, true, false, false, true];
+        let velocity = [0.5, 5.0, 0.25, 2.5, 0.125, 1.25];
+        let mut tracker = EpisodeTracker::new(2);
+        tracker.add_rollout(&rollout, &velocity).unwrap();
+        // Env 0 ends after two steps by a fall in its last step, env 1 after three at its time limit.
+        assert_eq!(
+            tracker.summarize(),
+            EpisodeSummary {
+                episodes: 2,
+                forward_reward: Some(f64::midpoint(0.75, 8.75)),
+                episode_return: Some(f64::midpoint(3.0, 70.0)),
+                episode_length: Some(2.5),
+                fall_rate: Some(0.5),
+            }
+        );
+        assert_eq!((&tracker.forward, &tracker.lengths), (&vec![0.125, 0.0], &vec![1.0, 0.0]));
+        tracker.add_rollout(&rollout, &velocity).unwrap();
+        assert_eq!(tracker.summarize().episode_length, Some(3.0));
+        assert!(tracker.add_rollout(&rollout, &velocity[1..]).is_err());
     }
 }

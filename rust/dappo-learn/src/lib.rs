@@ -3,7 +3,7 @@
 //! The crate knows robots only as rows of numbers. One iteration of training reads
 //!
 //! ```text
-//! let rollout = collect(&mut env, ppo.actor_critic(), horizon)?;
+//! let rollout = engine.collect(&ppo, &mut episodes, first_step)?;
 //! let targets = gae(&rollout, gamma, gae_lambda);
 //! let losses  = ppo.update(&rollout, &targets)?;
 //! ```
@@ -30,6 +30,7 @@ pub mod ppo;
 mod records;
 pub mod rollout;
 pub mod run_folder;
+mod simulator;
 pub mod train;
 
 pub use error::{LearnError, Result};
@@ -38,6 +39,7 @@ pub use nn::{ActorCritic, Decision};
 pub use normalizer::Normalizer;
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;
+pub use simulator::{Compute, Simulator};
 
 /// The device of networks on CPUs.
 #[must_use]

@@ -10,6 +10,7 @@ use crate::episodes::EpisodeSummary;
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
 use crate::ppo::PpoLosses;
+use crate::simulator::Simulator;
 
 /// The metrics of one iteration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,6 +29,9 @@ pub struct Metrics {
     /// What the update reports.
     #[serde(flatten)]
     pub losses: PpoLosses,
+    /// What simulated.
+    #[serde(flatten)]
+    pub simulator: Simulator,
     /// Time spent collecting, s.
     pub rollout_seconds: f64,
     /// Time spent updating, s.

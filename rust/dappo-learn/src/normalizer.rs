@@ -108,6 +108,12 @@ impl Normalizer {
         self.code_length
     }
 
+    /// Factor of the entries of the code.
+    #[must_use]
+    pub fn code_scale(&self) -> f32 {
+        self.code_scale
+    }
+
     /// Rows seen so far.
     #[must_use]
     pub fn count(&self) -> u64 {

@@ -9,6 +9,7 @@ use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
 use crate::metrics::{Metrics, MetricsFile};
+use crate::simulator::Simulator;
 
 /// The folder of one training run.
 #[derive(Debug, Clone)]
@@ -23,12 +24,9 @@ pub struct Meta {
     pub version: String,
     /// Version of MuJoCo.
     pub mujoco: String,
-    /// Backend of the physics.
-    pub backend: String,
-    /// Its floating-point format.
-    pub precision: String,
-    /// Integrator of the physics.
-    pub physics: String,
+    /// What simulates the training.
+    #[serde(flatten)]
+    pub simulator: Simulator,
     /// Name of the reward function.
     pub reward: String,
     /// Worker threads.

@@ -9,9 +9,10 @@ use std::cell::RefCell;
 
 use counter::{CODE, Counter, ROBOT, ROW};
 use dappo_learn::config::Config;
-use dappo_learn::envs::EnvFactory;
+use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate, evaluate_told};
-use dappo_sim::{Backend, DamageSpace, Precision, Robot, SimError};
+use dappo_learn::{Compute, Simulator};
+use dappo_sim::{Backend, DamageSpace, Robot, SimError};
 
 const CLASSES: usize = 33;
 const EPISODES: usize = 4;
@@ -39,7 +40,20 @@ impl EnvFactory for Factory {
         &self.space
     }
 
-    fn backend(&self, envs: usize, _: Option<&str>, _: Precision) -> Result<Box<dyn Backend>, SimError> {
+    fn sizes(&self, _: &Config) -> Result<Sizes, SimError> {
+        Ok(Sizes { obs_dim: ROW + CODE, code_length: CODE, action_dim: 2 })
+    }
+
+    fn simulator(&self, compute: Compute) -> Simulator {
+        Simulator {
+            backend: "counter".into(),
+            precision: compute.precision.name().into(),
+            device: compute.device.name().into(),
+            physics: "none".into(),
+        }
+    }
+
+    fn backend(&self, envs: usize, _: Option<&str>, _: Compute) -> Result<Box<dyn Backend>, SimError> {
         Ok(Box::new(Counter::new(envs, self.space.classes().len())))
     }
 }
@@ -187,7 +201,9 @@ fn falls_and_divergences_are_counted_in_their_own_class_and_once() {
         (3 | 5, 1..) => [0.5, 2.0],
         _ => [0.5, 0.0],
     });
-    assert_eq!((found.backend, found.precision, found.classes.len()), ("counter", "f64", CLASSES));
+    assert_eq!(found.simulator.backend, "counter");
+    assert_eq!((found.simulator.precision.as_str(), found.simulator.device.as_str()), ("f64", "cpu"));
+    assert_eq!(found.classes.len(), CLASSES);
     for class in &found.classes {
         // Velocities are 10, 20, 30 and rewards 0.5; both are 0 in a step that diverges.
         let expected = match class.class {

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use dappo_learn::Compute;
+use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, simd};
 use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
-use dappo_sim::backend::{Choice, Precision};
 use dappo_sim::terms::Task;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Robot};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
@@ -13,6 +14,7 @@ use pyo3::prelude::*;
 use crate::damage::PyDamageSpace;
 use crate::errors::from_sim;
 use crate::model_reader::PyModel;
+use crate::warp::{Room, WarpBackend};
 
 /// What of a backend is not the robot's.
 #[derive(Debug, Clone, Copy)]
@@ -23,8 +25,10 @@ pub struct BackendOptions<'a> {
     pub num_envs: usize,
     /// Worker threads; all cores for `None`.
     pub threads: Option<usize>,
-    /// Precision, where the backend has a choice.
-    pub precision: Precision,
+    /// Where and how precisely.
+    pub compute: Compute,
+    /// Room for contacts on a GPU.
+    pub room: Room,
 }
 
 /// What Rust needs to know about a class table, besides the models themselves.
@@ -74,10 +78,13 @@ impl<'py> ClassTable<'py> {
         let available = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = options.threads.unwrap_or(available).min(options.num_envs.max(1));
         let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
+        if options.compute.device.is_warp() {
+            return self.warp_backend(task, options);
+        }
         match choice {
             Choice::Mujoco { .. } => self.mujoco_backend(task, options.num_envs, threads),
             Choice::Lanes(table) => {
-                let BackendOptions { precision, num_envs, .. } = options;
+                let BackendOptions { compute: Compute { precision, .. }, num_envs, .. } = options;
                 simd()
                     .and_then(|simd| {
                         LanesBackend::new(task, table.clone(), precision, simd, num_envs, threads)
@@ -86,6 +93,13 @@ impl<'py> ClassTable<'py> {
                     .map_err(|error| from_sim(&error))
             }
         }
+    }
+
+    fn warp_backend(&self, task: Task, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
+        let BackendOptions { reward, num_envs, compute, room, .. } = options;
+        let (table, classes) = (self.object.clone().unbind(), self.space.classes().len());
+        let backend = WarpBackend::new(&table, task, reward, num_envs, classes, compute.device, room);
+        Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
     }
 
     fn mujoco_backend(&self, task: Task, num_envs: usize, threads: usize) -> PyResult<Box<dyn Backend>> {

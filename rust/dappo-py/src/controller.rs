@@ -91,7 +91,7 @@ impl PyController {
         let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
         let controller = py.detach(|| {
             let skills = parts.load(&folder, &config, &factory)?;
-            let twins = factory.backend(num_robots, None, config.evaluation.precision)?;
+            let twins = factory.backend(num_robots, None, config.evaluation.compute())?;
             Controller::new(skills, wanted, twins)
         });
         let controller = controller.map_err(|error| from_learn(&error))?;

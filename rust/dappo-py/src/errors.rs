@@ -111,7 +111,7 @@ pub fn from_sim(error: &SimError) -> PyErr {
     let kind = match error {
         SimError::Config(_) | SimError::Unsupported(_) | SimError::NonFiniteAction { .. } => Kind::Config,
         SimError::Shape { .. } => Kind::Shape,
-        SimError::Library { .. } | SimError::Threads { .. } => Kind::Simulation,
+        SimError::Library { .. } | SimError::Threads { .. } | SimError::Device(_) => Kind::Simulation,
         SimError::Snapshot(_) => Kind::Checkpoint,
         SimError::Interrupted => return PyKeyboardInterrupt::new_err(()),
     };
@@ -131,6 +131,17 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
+}
+
+/// The way back: what an exception of Python code means to a simulation.
+pub fn to_sim(py: Python<'_>, error: &PyErr) -> SimError {
+    // Ctrl-C while Python code runs becomes an exception there.
+    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+        return SimError::Interrupted;
+    }
+    let message = error.value(py).to_string();
+    let is_simulation = tree(py).is_ok_and(|tree| error.is_instance(py, tree.simulation.bind(py)));
+    if is_simulation { SimError::Device(message) } else { SimError::Config(message) }
 }
 
 /// Whether an exception belongs to the tree.

@@ -1,23 +1,31 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
 use dappo_learn::config::Config;
-use dappo_learn::envs::EnvFactory;
+use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::train::{HostEngine, RolloutEngine};
+use dappo_learn::{Compute, Simulator};
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;
-use dappo_sim::{Backend, BackendKind, DamageSpace, Precision, Robot, SimError};
-use pyo3::exceptions::PyKeyboardInterrupt;
+use dappo_sim::terms::Task;
+use dappo_sim::{Backend, BackendKind, DamageSpace, Device, Layout, Robot, SimError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::class_table::{BackendOptions, ClassTable};
-use crate::errors::{Kind, from_sim, raise};
+use crate::errors::{Kind, from_sim, raise, to_sim};
+use crate::warp::{Room, WarpEngine};
 
 /// The class table of a configuration.
 pub struct TableFactory {
     table: Py<PyAny>,
     robot: Robot,
     space: DamageSpace,
+    layout: Layout,
+    /// Integrator of the compiled models, as MuJoCo names it.
+    integrator: String,
     threads: Option<usize>,
+    room: Room,
+    /// The backend on the CPU.
     choice: Choice,
 }
 
@@ -38,12 +46,19 @@ impl TableFactory {
             // An instruction set that cannot be used is to be known before there is a run folder.
             simd().map_err(|error| from_sim(&error))?;
         }
+        let integrator = py
+            .import("dappo_batch.mujoco_library")?
+            .call_method1("integrator_name", (&object,))?
+            .extract()?;
         Ok(Self {
             choice,
             robot: table.robot,
             space: table.space,
+            layout: table.layout,
             table: object.unbind(),
+            integrator,
             threads: config.env.threads,
+            room: Room { njmax: config.env.njmax, nconmax: config.env.nconmax },
         })
     }
 
@@ -52,32 +67,19 @@ impl TableFactory {
         config.env.reward.clone().unwrap_or_else(|| self.robot.reward.default.clone())
     }
 
-    /// The backend that the configuration means for this robot.
+    /// The backend that the configuration means for this robot on the CPU.
     pub fn backend_kind(&self) -> BackendKind {
         self.choice.kind()
     }
 
-    /// Name of the precision in which the backend computes when `wanted` is asked for.
-    pub fn precision(&self, wanted: Precision) -> &'static str {
-        self.choice.precision(wanted)
-    }
-
-    /// A line about the backend: which, how precise, and why not the faster one.
-    pub fn describe(&self, wanted: Precision) -> String {
-        let (name, precision, note) =
-            (self.backend_kind().name(), self.precision(wanted), self.choice.note());
-        if note.is_empty() {
-            format!("backend {name}, {precision}")
-        } else {
-            format!("backend {name}, {precision}: {note}")
+    /// A line about what simulates: which backend, how precise, where, and why not the faster one.
+    pub fn describe(&self, compute: Compute) -> String {
+        let Simulator { backend, precision, device, .. } = self.simulator(compute);
+        match self.choice.note() {
+            _ if compute.device.is_warp() => format!("backend {backend}, {precision}, device {device}"),
+            "" => format!("backend {backend}, {precision}"),
+            note => format!("backend {backend}, {precision}: {note}"),
         }
-    }
-
-    /// Integrator of the compiled models, as MuJoCo names it.
-    pub fn integrator(&self, py: Python<'_>) -> PyResult<String> {
-        py.import("dappo_batch.mujoco_library")?
-            .call_method1("integrator_name", (self.table.bind(py),))?
-            .extract()
     }
 }
 
@@ -96,24 +98,48 @@ impl EnvFactory for TableFactory {
         &self.space
     }
 
+    fn sizes(&self, config: &Config) -> Result<Sizes, SimError> {
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref())?;
+        let code_length = if config.env.observe_damage { self.space.code_length() } else { 0 };
+        Ok(Sizes { obs_dim: task.obs_dim() + code_length, code_length, action_dim: self.layout.nu })
+    }
+
+    fn simulator(&self, compute: Compute) -> Simulator {
+        let (backend, precision, device) = if compute.device.is_warp() {
+            ("warp", "f32", compute.device)
+        } else {
+            (self.choice.kind().name(), self.choice.precision(compute.precision), Device::Cpu)
+        };
+        Simulator {
+            backend: backend.into(),
+            precision: precision.into(),
+            device: device.name().into(),
+            physics: self.integrator.clone(),
+        }
+    }
+
     fn backend(
         &self,
         num_envs: usize,
         reward: Option<&str>,
-        precision: Precision,
+        compute: Compute,
     ) -> Result<Box<dyn Backend>, SimError> {
-        let options = BackendOptions { reward, num_envs, threads: self.threads, precision };
+        let options = BackendOptions { reward, num_envs, threads: self.threads, compute, room: self.room };
         Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
                 .and_then(|table| table.backend(&self.choice, options))
-                .map_err(|error| {
-                    // Ctrl-C while Python code runs becomes an exception there.
-                    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
-                        SimError::Interrupted
-                    } else {
-                        SimError::Config(error.value(py).to_string())
-                    }
-                })
+                .map_err(|error| to_sim(py, &error))
         })
+    }
+
+    fn engine(&self, config: &Config) -> dappo_learn::Result<Box<dyn RolloutEngine>> {
+        let (envs, compute) = (self.env_config(config)?, config.env.compute());
+        if compute.device.is_warp() {
+            let sizes = self.sizes(config)?;
+            let engine = WarpEngine::new(&self.table, compute.device, self.room, config, &envs, sizes)?;
+            return Ok(Box::new(engine));
+        }
+        let env = self.make(envs, config.env.reward.as_deref(), compute)?;
+        Ok(Box::new(HostEngine::new(env, config)?))
     }
 }

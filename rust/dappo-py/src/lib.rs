@@ -8,7 +8,9 @@ mod errors;
 mod factory;
 mod lane_worlds;
 mod model_reader;
+mod rollout;
 mod vector_env;
+mod warp;
 
 use pyo3::prelude::*;
 
@@ -21,6 +23,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<vector_env::PyVectorEnv>()?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
+    module.add_function(wrap_pyfunction!(rollout::collect_rollout, module)?)?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())
 }

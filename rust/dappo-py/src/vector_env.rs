@@ -1,6 +1,7 @@
 //! `VectorEnv` in Python: N damage-randomised episodes on all cores.
 
-use dappo_sim::backend::{BackendKind, Precision};
+use dappo_learn::Compute;
+use dappo_sim::backend::{BackendKind, Device, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::{Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
 use numpy::ndarray::{ArrayView1, ArrayView2};
@@ -11,6 +12,7 @@ use pyo3::prelude::*;
 
 use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, from_sim, raise};
+use crate::warp::{self, Room};
 
 /// N damage-randomised episodes; `dappo_batch.envs` gives them Gymnasium's face.
 #[pyclass(name = "VectorEnv", module = "dappo_batch._core")]
@@ -21,6 +23,7 @@ pub struct PyVectorEnv {
     num_envs: usize,
     nq: usize,
     nv: usize,
+    device: &'static str,
     backend_note: String,
 }
 
@@ -97,7 +100,7 @@ impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
                         max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None,
-                        backend="auto", precision="f32"))]
+                        device="cpu", backend="auto", precision="f32"))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         table: &Bound<'_, PyAny>,
@@ -110,9 +113,12 @@ impl PyVectorEnv {
         class_weights: Option<PyReadonlyArray1<'_, f64>>,
         onset: (usize, usize),
         threads: Option<usize>,
+        device: &str,
         backend: &str,
         precision: &str,
     ) -> PyResult<Self> {
+        let wish = Device::parse(device).map_err(|error| from_sim(&error))?;
+        let device = warp::resolve(wish).map_err(|error| from_sim(&error))?;
         let kind = BackendKind::parse(backend).map_err(|error| from_sim(&error))?;
         let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
         let table = ClassTable::read(table)?;
@@ -130,7 +136,9 @@ impl PyVectorEnv {
             onset: Onset { first: onset.0, last: onset.1 },
         };
         let choice = table.choose(kind)?;
-        let backend = table.backend(&choice, BackendOptions { reward, num_envs, threads, precision })?;
+        let compute = Compute { device, precision };
+        let options = BackendOptions { reward, num_envs, threads, compute, room: Room::default() };
+        let backend = table.backend(&choice, options)?;
         let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
         Ok(Self {
             env: Some(env),
@@ -138,7 +146,8 @@ impl PyVectorEnv {
             num_envs,
             nq: table.layout.nq,
             nv: table.layout.nv,
-            backend_note: choice.note().to_owned(),
+            backend_note: if device.is_warp() { String::new() } else { choice.note().to_owned() },
+            device: device.name(),
         })
     }
 
@@ -170,6 +179,12 @@ impl PyVectorEnv {
     #[getter]
     fn backend(&self) -> PyResult<&str> {
         Ok(self.env()?.backend().name())
+    }
+
+    /// Where the physics is computed.
+    #[getter]
+    fn device(&self) -> &'static str {
+        self.device
     }
 
     /// Why it is not the lane engine; empty if it is, or if nobody asked for it.

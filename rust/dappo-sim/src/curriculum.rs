@@ -49,6 +49,12 @@ impl ClassDistribution {
         self.cumulative.is_empty()
     }
 
+    /// Sums of the probabilities of the classes, one a class.
+    #[must_use]
+    pub fn cumulative(&self) -> &[f64] {
+        &self.cumulative
+    }
+
     /// The class at the quantile `u` of [0, 1).
     #[must_use]
     pub fn at(&self, u: f64) -> usize {

@@ -55,6 +55,10 @@ pub enum SimError {
         reason: String,
     },
 
+    /// The device of the physics cannot go on: too little memory, too little room for contacts.
+    #[error("{0}")]
+    Device(String),
+
     /// Whoever was to make the physics was told to stop, for example with Ctrl-C.
     #[error("interrupted")]
     Interrupted,

@@ -21,7 +21,7 @@ pub mod robot;
 pub mod terms;
 pub mod vector_env;
 
-pub use backend::{Backend, BackendKind, Layout, Precision, Reset, StepOutputs};
+pub use backend::{Backend, BackendKind, Device, Layout, Precision, Reset, StepOutputs};
 pub use damage::{Damage, DamageClass, DamageSpace};
 pub use error::SimError;
 pub use robot::Robot;

@@ -221,22 +221,26 @@ fn a_restored_env_goes_on_as_the_one_it_was_saved_from() {
         let mut original = started(settings());
         // Saved while the first env waits for its reset, where the mode has such a state.
         original.step(&FALL).unwrap();
-        let saved = original.snapshot();
+        let saved = original.snapshot().unwrap();
         let mut copy = make(settings()).unwrap();
         copy.restore(&saved).unwrap();
-        assert_eq!(copy.snapshot(), saved);
+        assert_eq!(copy.snapshot().unwrap(), saved);
         assert_eq!(copy.buffers().damage_class, original.buffers().damage_class, "{mode:?}");
         for _ in 0..8 {
             original.step(&WALK).unwrap();
             copy.step(&WALK).unwrap();
-            assert_eq!(copy.snapshot(), original.snapshot(), "{mode:?}");
+            assert_eq!(copy.snapshot().unwrap(), original.snapshot().unwrap(), "{mode:?}");
             assert_eq!(copy.buffers().rewards, original.buffers().rewards, "{mode:?}");
         }
         let mut foreign = saved.clone();
         foreign.episodes[1][3] = 33;
         let message = copy.restore(&foreign).unwrap_err().to_string();
         assert!(message.ends_with("an episode has damage class 33, the classes are 0 to 32"), "{message}");
-        assert_eq!(copy.snapshot(), original.snapshot(), "a refused snapshot changes nothing");
+        assert_eq!(
+            copy.snapshot().unwrap(),
+            original.snapshot().unwrap(),
+            "a refused snapshot changes nothing"
+        );
         let message = make(config(3, mode)).unwrap().restore(&saved).unwrap_err().to_string();
         assert_eq!(message, "saved episodes has 2 entries, expected 3");
     }
@@ -247,7 +251,7 @@ fn divergences_are_counted_over_the_life_of_an_env_and_end_its_episodes() {
     let diverge = [1.0, 2.0, 1.0, 0.0];
     for mode in [Autoreset::NextStep, Autoreset::SameStep, Autoreset::Disabled] {
         let mut env = started(config(2, mode));
-        let saved = env.snapshot();
+        let saved = env.snapshot().unwrap();
         env.step(&diverge).unwrap();
         assert_eq!((env.diverged(), &env.buffers().terminated[..]), (1, &[true, false][..]), "{mode:?}");
         assert_eq!(env.buffers().diverged, [true, false], "{mode:?}");
@@ -312,7 +316,7 @@ fn wrong_arguments_are_refused_and_change_nothing() {
     assert!(env.reset(partly).unwrap_err().to_string().contains("must reset every env"));
     env.reset(ResetOptions::default()).unwrap();
 
-    let before = env.snapshot();
+    let before = env.snapshot().unwrap();
     let message = |result: Result<(), SimError>| result.unwrap_err().to_string();
     assert_eq!(message(env.step(&[0.0; 3])), "actions has 3 entries, expected 4");
     for (bad, shown) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (f32::NEG_INFINITY, "-inf")] {
@@ -338,5 +342,5 @@ fn wrong_arguments_are_refused_and_change_nothing() {
     );
     let weights = env.set_class_distribution(ClassDistribution::uniform(3));
     assert_eq!(message(weights), "class weights has 3 entries, expected 33");
-    assert_eq!(env.snapshot(), before);
+    assert_eq!(env.snapshot().unwrap(), before);
 }

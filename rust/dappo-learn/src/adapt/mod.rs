@@ -92,7 +92,7 @@ impl Trial {
                 ..factory.env_config(config)?
             },
             config.env.reward.as_deref(),
-            config.evaluation.precision,
+            config.evaluation.compute(),
         )?;
         let assigned: Vec<Option<usize>> =
             self.classes.iter().flat_map(|&class| std::iter::repeat_n(Some(class), self.episodes)).collect();

@@ -163,6 +163,11 @@ mod tests {
             ("curriculum = []", "curriculum"),
             ("[env]\nbackend = 'brax'", "unknown variant `brax`, expected one of `auto`, `lanes`, `mujoco`"),
             ("[env]\nprecision = 'f16'", "unknown variant `f16`, expected `f32` or `f64`"),
+            (
+                "[env]\ndevice = 'tpu'",
+                "unknown variant `tpu`, expected one of `auto`, `cpu`, `cuda`, `warp-cpu`",
+            ),
+            ("[env]\nnjmax = 0", "env.njmax"),
             ("[evaluation]\nprecision = 'double'", "expected `f32` or `f64`"),
             ("seed = 'one'", "seed"),
         ] {

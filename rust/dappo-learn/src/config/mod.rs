@@ -9,10 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
 use dappo_sim::vector_env::Onset;
-use dappo_sim::{BackendKind, Precision};
+use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
 use crate::ppo::PpoConfig;
+use crate::simulator::Compute;
 
 pub use layers::Layers;
 
@@ -51,9 +52,12 @@ pub struct EnvSection {
     /// Worker threads; all cores when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it knows everything about the robot.
+    /// `auto`, `cpu`, `cuda` or `warp-cpu`: where the training simulates; `auto` is a CUDA GPU where one can be used,
+    /// unless `backend` or `precision` ask for what only the CPU has.
+    pub device: Device,
+    /// The backend on the CPU: `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it knows everything about the robot.
     pub backend: BackendKind,
-    /// `f32` or `f64`, for the backend `lanes`; `mujoco` always computes in `f64`.
+    /// `f32` or `f64`, for the backend `lanes`; `mujoco` always computes in `f64`, `warp` in `f32`.
     pub precision: Precision,
     /// Name of the reward function; the robot's default when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -66,6 +70,20 @@ pub struct EnvSection {
     /// Steps after which an episode is truncated; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_episode_steps: Option<usize>,
+    /// Room for the constraints of an env on the device `cuda`; what the robot can need at most when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub njmax: Option<usize>,
+    /// Room for contacts there, an env on average; as above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nconmax: Option<usize>,
+}
+
+impl EnvSection {
+    /// Where and how precisely the training simulates.
+    #[must_use]
+    pub fn compute(&self) -> Compute {
+        Compute { device: self.device, precision: self.precision }
+    }
 }
 
 impl Default for EnvSection {
@@ -73,12 +91,15 @@ impl Default for EnvSection {
         Self {
             num_envs: 32,
             threads: None,
+            device: Device::Auto,
             backend: BackendKind::Auto,
             precision: Precision::F32,
             reward: None,
             physics: None,
             observe_damage: true,
             max_episode_steps: None,
+            njmax: None,
+            nconmax: None,
         }
     }
 }
@@ -138,13 +159,23 @@ pub struct EvaluationSection {
     pub episodes: usize,
     /// Seed of the evaluation's initial states; the same for every policy that is compared.
     pub seed: u64,
+    /// As `env.device`. The CPU unless something else is asked for, so that results of all devices can be compared.
+    pub device: Device,
     /// As `env.precision`, for the evaluation.
     pub precision: Precision,
 }
 
+impl EvaluationSection {
+    /// Where and how precisely the evaluation simulates.
+    #[must_use]
+    pub fn compute(&self) -> Compute {
+        Compute { device: self.device, precision: self.precision }
+    }
+}
+
 impl Default for EvaluationSection {
     fn default() -> Self {
-        Self { episodes: 4, seed: 1_000_000, precision: Precision::F64 }
+        Self { episodes: 4, seed: 1_000_000, device: Device::Cpu, precision: Precision::F64 }
     }
 }
 
@@ -190,6 +221,8 @@ impl Config {
             ("checkpoint.every", self.checkpoint.every as usize),
             ("evaluation.episodes", self.evaluation.episodes),
             ("env.threads", self.env.threads.unwrap_or(1)),
+            ("env.njmax", self.env.njmax.unwrap_or(1)),
+            ("env.nconmax", self.env.nconmax.unwrap_or(1)),
         ] {
             if value == 0 {
                 return bad(format!("`{name}` is 0, expected at least 1"));

@@ -8,6 +8,7 @@ use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
 use super::encoding::Encoding;
 use super::tables::{Evaluation, mean};
 use crate::error::{LearnError, Result};
+use crate::simulator::Simulator;
 
 /// The evaluation of one run.
 #[derive(Debug, Clone, Serialize)]
@@ -58,10 +59,9 @@ pub struct Summary {
     pub episodes: usize,
     /// Seed of the start states and of the resamples.
     pub evaluation_seed: u64,
-    /// Backend of the physics.
-    pub backend: &'static str,
-    /// Its floating-point format.
-    pub precision: &'static str,
+    /// What simulated.
+    #[serde(flatten)]
+    pub simulator: Simulator,
     /// Classes in which the first side is ahead on average over its seeds.
     pub classes_won: usize,
     /// Their share, 0 to 1.
@@ -146,8 +146,7 @@ impl Comparison {
             others: side(others, others[0].evaluation.encoding),
             episodes: first.evaluation.classes.first().map_or(0, |class| class.episodes),
             evaluation_seed,
-            backend: first.evaluation.backend,
-            precision: first.evaluation.precision,
+            simulator: first.evaluation.simulator.clone(),
             classes_won,
             share_won: classes_won as f64 / classes.len() as f64,
             gain: gain_in(&(0..classes.len()).collect::<Vec<_>>()),
@@ -236,14 +235,14 @@ fn coverage(seeds: usize, other_seeds: usize) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tables::tests::class;
+    use super::super::tables::tests::{class, simulator};
     use super::*;
 
     fn run(seed: u64, encoding: Encoding, rewards: [f64; 4]) -> RunEvaluation {
         let groups = ["none", "D1", "D1_1 A", "D1_1 O"];
         let classes = groups.into_iter().zip(rewards).enumerate();
         let classes = classes.map(|(id, (group, reward))| class(id, group, reward, 1.0)).collect();
-        let evaluation = Evaluation::new(encoding, "lanes", "f64", classes);
+        let evaluation = Evaluation::new(encoding, simulator(), classes);
         RunEvaluation { run: format!("runs/{seed}"), seed, env_steps: 1000 * seed, evaluation }
     }
 

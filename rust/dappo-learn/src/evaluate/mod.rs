@@ -53,8 +53,8 @@ pub fn evaluate(
     let Some(sums) = batch.run(policy, &mut encoder, stop)? else { return Ok(None) };
     let results =
         space.classes().iter().zip(sums.chunks_exact(episodes)).map(|(class, sums)| summarize(class, sums));
-    let (backend, precision) = (batch.env.backend().name(), batch.env.backend().precision());
-    Ok(Some(Evaluation::new(encoding, backend, precision, results.collect())))
+    let simulator = factory.simulator(config.evaluation.compute());
+    Ok(Some(Evaluation::new(encoding, simulator, results.collect())))
 }
 
 /// What a wrong diagnosis costs: the mean forward reward of a policy on a robot with the first class of each pair
@@ -102,7 +102,7 @@ impl Batch {
                 ..factory.env_config(config)?
             },
             config.env.reward.as_deref(),
-            config.evaluation.precision,
+            config.evaluation.compute(),
         )?;
         Ok(Self { env, keys, classes })
     }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::encoding::Encoding;
 use crate::error::{LearnError, Result};
+use crate::simulator::Simulator;
 
 /// The result of one damage class.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -60,10 +61,9 @@ pub const ALL: &str = "all";
 pub struct Evaluation {
     /// What the policy was told about the damage.
     pub encoding: Encoding,
-    /// Backend of the physics.
-    pub backend: &'static str,
-    /// Its floating-point format.
-    pub precision: &'static str,
+    /// What simulated.
+    #[serde(flatten)]
+    pub simulator: Simulator,
     /// One entry a class, in canonical order.
     pub classes: Vec<ClassResult>,
     /// One entry a group in the order of their first classes, and one for all classes.
@@ -73,14 +73,9 @@ pub struct Evaluation {
 impl Evaluation {
     /// Forms the groups over the results of all classes.
     #[must_use]
-    pub fn new(
-        encoding: Encoding,
-        backend: &'static str,
-        precision: &'static str,
-        classes: Vec<ClassResult>,
-    ) -> Self {
+    pub fn new(encoding: Encoding, simulator: Simulator, classes: Vec<ClassResult>) -> Self {
         let groups = groups(&classes);
-        Self { encoding, backend, precision, classes, groups }
+        Self { encoding, simulator, classes, groups }
     }
 
     /// Mean forward reward over all classes.
@@ -92,15 +87,17 @@ impl Evaluation {
     /// The table of the classes as CSV with a header line.
     #[must_use]
     pub fn class_table(&self) -> String {
-        let mut text =
-            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,\
-                        falls,diverged,backend,precision\n"
-                .to_owned();
+        let mut text = format!(
+            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls,\
+             diverged,{}\n",
+            Simulator::COLUMNS
+        );
+        let simulator = self.simulator.cells();
         for c in &self.classes {
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{},{:.4},{},{:.4},{:.2},{},{},{},{}",
+                "{},{},{},{},{:.4},{},{:.4},{:.2},{},{},{simulator}",
                 c.class,
                 c.name,
                 c.group,
@@ -110,9 +107,7 @@ impl Evaluation {
                 c.episode_return,
                 c.episode_length,
                 c.falls,
-                c.diverged,
-                self.backend,
-                self.precision
+                c.diverged
             );
         }
         text
@@ -121,22 +116,22 @@ impl Evaluation {
     /// The table of the groups as CSV with a header line.
     #[must_use]
     pub fn group_table(&self) -> String {
-        let mut text =
-            "group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision\n"
-                .to_owned();
+        let mut text = format!(
+            "group,classes,episodes,forward_reward,standard_error,falls,diverged,{}\n",
+            Simulator::COLUMNS
+        );
+        let simulator = self.simulator.cells();
         for g in &self.groups {
             let _ = writeln!(
                 text,
-                "{},{},{},{:.4},{},{},{},{},{}",
+                "{},{},{},{:.4},{},{},{},{simulator}",
                 g.group,
                 g.classes,
                 g.episodes,
                 g.forward_reward,
                 empty_if_nan(g.standard_error),
                 g.falls,
-                g.diverged,
-                self.backend,
-                self.precision
+                g.diverged
             );
         }
         text
@@ -219,6 +214,11 @@ pub(super) fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 pub(super) mod tests {
     use super::*;
 
+    pub fn simulator() -> Simulator {
+        let [backend, precision, device, physics] = ["lanes", "f64", "cpu", "rk4"].map(str::to_owned);
+        Simulator { backend, precision, device, physics }
+    }
+
     pub fn class(class: usize, group: &str, forward_reward: f64, standard_error: f64) -> ClassResult {
         ClassResult {
             class,
@@ -242,7 +242,7 @@ pub(super) mod tests {
             class(2, "D1", 7.0, second),
             class(3, "D1_1 A", -1.0, pair),
         ];
-        Evaluation::new(Encoding::True, "lanes", "f64", classes)
+        Evaluation::new(Encoding::True, simulator(), classes)
     }
 
     #[test]
@@ -262,11 +262,11 @@ pub(super) mod tests {
     fn a_group_weighs_its_classes_equally_and_the_last_one_holds_them_all() {
         // D1: (4 + 7) / 2 = 5.5, √(3² + 4²) / 2 = 2.5. All: 20 / 4 = 5, √(2² + 3² + 4² + 6²) / 4 = √65 / 4 = 2.0156.
         let expected = "\
-            group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision\n\
-            none,1,4,10.0000,2.0000,0,0,lanes,f64\n\
-            D1,2,8,5.5000,2.5000,3,1,lanes,f64\n\
-            D1_1 A,1,4,-1.0000,6.0000,3,1,lanes,f64\n\
-            all,4,16,5.0000,2.0156,6,2,lanes,f64\n";
+            group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision,device,physics\n\
+            none,1,4,10.0000,2.0000,0,0,lanes,f64,cpu,rk4\n\
+            D1,2,8,5.5000,2.5000,3,1,lanes,f64,cpu,rk4\n\
+            D1_1 A,1,4,-1.0000,6.0000,3,1,lanes,f64,cpu,rk4\n\
+            all,4,16,5.0000,2.0156,6,2,lanes,f64,cpu,rk4\n";
         let evaluation = evaluation([2.0, 3.0, 4.0, 6.0]);
         assert_eq!(evaluation.group_table(), expected);
         assert_eq!(evaluation.mean_forward_reward(), 5.0);
@@ -276,9 +276,9 @@ pub(super) mod tests {
     fn a_single_episode_a_class_has_no_standard_error() {
         let evaluation = evaluation([f64::NAN; 4]);
         let rows: Vec<String> = evaluation.group_table().lines().skip(1).map(ToOwned::to_owned).collect();
-        assert_eq!(rows[1], "D1,2,2,5.5000,,3,1,lanes,f64");
-        assert_eq!(rows[3], "all,4,4,5.0000,,6,2,lanes,f64");
+        assert_eq!(rows[1], "D1,2,2,5.5000,,3,1,lanes,f64,cpu,rk4");
+        assert_eq!(rows[3], "all,4,4,5.0000,,6,2,lanes,f64,cpu,rk4");
         let row = evaluation.class_table().lines().nth(3).map(ToOwned::to_owned).unwrap();
-        assert_eq!(row, "2,class 2,D1,1,7.0000,,0.5000,20.00,2,1,lanes,f64");
+        assert_eq!(row, "2,class 2,D1,1,7.0000,,0.5000,20.00,2,1,lanes,f64,cpu,rk4");
     }
 }

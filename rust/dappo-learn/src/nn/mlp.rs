@@ -5,7 +5,9 @@ use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 
 use super::fused;
+use super::host::read;
 use super::init::{linear, orthogonal};
+use crate::error::Result;
 
 /// A tanh MLP of any number of layers.
 ///
@@ -64,6 +66,11 @@ impl Mlp {
             let y = layer.forward(x);
             if index < last { y.tanh() } else { y }
         })
+    }
+
+    /// All parameters, layer after layer: the matrix `[inputs, outputs]` row by row, then the biases.
+    pub fn parameters(&self) -> Result<Vec<f32>> {
+        read(self.flat_parameters())
     }
 
     /// All parameters in one tensor, laid out as the kernels read them. Gradients flow back through it.

@@ -1,6 +1,7 @@
 //! Training: collect, estimate, update, report — and what surrounds it.
 
-mod collect;
+mod engine;
+mod host;
 mod session;
 
 use std::time::Instant;
@@ -16,7 +17,8 @@ use crate::metrics::Metrics;
 use crate::ppo::Ppo;
 use crate::run_folder::RunFolder;
 
-pub use collect::collect;
+pub use engine::RolloutEngine;
+pub use host::HostEngine;
 use session::Session;
 
 /// Whoever watches a training run.
@@ -78,7 +80,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
     session.enter_stage(stage_at(&config.curriculum, done), config, factory)?;
 
     let start = Instant::now();
-    let rollout = session.collect(config.horizon)?;
+    let rollout = session.collect()?;
     let collected = Instant::now();
     let targets = gae(&rollout, config.ppo.gamma, config.ppo.gae_lambda)?;
     let losses = session.ppo.update(&rollout, &targets)?;
@@ -92,6 +94,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
         diverged: session.diverged(),
+        simulator: factory.simulator(config.env.compute()),
         losses,
         rollout_seconds: (collected - start).as_secs_f64(),
         update_seconds: (updated - collected).as_secs_f64(),

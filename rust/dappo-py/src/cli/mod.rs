@@ -1,14 +1,14 @@
 //! The command line. Exit codes: 0 done, 1 failed, 2 bad usage, 130 interrupted.
 
 mod adapt;
-mod args;
+pub mod args;
 mod classes;
 mod console;
 mod diagnose;
 mod evaluate;
 pub mod policy;
 mod progress;
-mod settings;
+pub mod settings;
 mod signals;
 mod train;
 

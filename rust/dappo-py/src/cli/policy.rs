@@ -5,7 +5,6 @@ use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
-use dappo_sim::VectorEnvConfig;
 
 use crate::factory::TableFactory;
 
@@ -21,11 +20,8 @@ pub struct LoadedPolicy {
 /// The policy in the newest checkpoint of a run.
 pub fn load(run: &RunFolder, config: &Config, factory: &TableFactory) -> dappo_learn::Result<LoadedPolicy> {
     let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
-    // One env is enough to learn the lengths of observations and actions.
-    let one = VectorEnvConfig { keys: vec![0], ..factory.env_config(config)? };
-    let probe = factory.make(one, config.env.reward.as_deref(), config.evaluation.precision)?;
     Ok(LoadedPolicy {
-        ppo: checkpoint.learner(&config.ppo, &probe)?,
+        ppo: checkpoint.learner(&config.ppo, factory.sizes(config)?)?,
         env_steps: checkpoint.progress.env_steps,
         fingerprint: checkpoint.fingerprint()?,
     })

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use dappo_learn::config::{Config, Layers};
-use dappo_sim::{BackendKind, Precision};
+use dappo_sim::{BackendKind, Device, Precision, SimError};
 use pyo3::prelude::*;
 
 use super::args::{ConfigArgs, SimulationArgs};
 use super::console;
 use crate::errors::{Kind, from_learn, raise};
+use crate::warp;
 
 /// The resolved configuration of a new run.
 pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
@@ -53,6 +54,7 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     }
     for (key, value) in [
         ("robot", &arguments.robot),
+        ("env.device", &arguments.device),
         ("env.backend", &arguments.backend),
         ("env.precision", &arguments.precision),
         ("env.reward", &arguments.reward),
@@ -74,6 +76,15 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     Ok(())
 }
 
+/// The device that a training means. Who asks for a backend of the CPU, or for its double precision, means the CPU.
+pub fn training_device(config: &Config) -> Result<Device, SimError> {
+    let is_for_the_cpu = config.env.backend != BackendKind::Auto || config.env.precision == Precision::F64;
+    if config.env.device == Device::Auto && is_for_the_cpu {
+        return Ok(Device::Cpu);
+    }
+    warp::resolve(config.env.device)
+}
+
 /// Lays flags over the settings of an earlier run.
 pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
     config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
@@ -83,6 +94,10 @@ pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_l
     if let Some(precision) = &arguments.precision {
         config.evaluation.precision = Precision::parse(precision)?;
     }
+    if let Some(device) = &arguments.device {
+        config.evaluation.device = Device::parse(device)?;
+    }
+    config.evaluation.device = warp::resolve(config.evaluation.device)?;
     Ok(())
 }
 

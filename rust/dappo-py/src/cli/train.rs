@@ -18,6 +18,7 @@ use super::progress::Display;
 use super::{INTERRUPTED, console, settings, signals};
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
+use crate::warp;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
@@ -26,6 +27,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
+    // What cannot be used is to be known before there is a run folder.
+    config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
+    config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
     let factory = TableFactory::compile(py, &config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
@@ -36,7 +40,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     };
     if !arguments.json {
         console::note(&describe(&config, &factory, &run));
-        console::note(&factory.describe(config.env.precision));
+        console::note(&factory.describe(config.env.compute()));
     }
 
     let interrupted = signals::watch()?;
@@ -98,9 +102,7 @@ fn create(
     let meta = Meta {
         version: env!("CARGO_PKG_VERSION").into(),
         mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
-        backend: factory.backend_kind().name().into(),
-        precision: factory.precision(config.env.precision).into(),
-        physics: factory.integrator(py)?,
+        simulator: factory.simulator(config.env.compute()),
         reward: factory.reward_name(config),
         threads: config
             .env

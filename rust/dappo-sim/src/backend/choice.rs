@@ -126,7 +126,7 @@ impl Choice {
     }
 }
 
-fn choose<T: Copy>(what: &str, text: &str, choices: &[(&str, T)]) -> Result<T, SimError> {
+pub(super) fn choose<T: Copy>(what: &str, text: &str, choices: &[(&str, T)]) -> Result<T, SimError> {
     let found = choices.iter().find(|(name, _)| *name == text);
     found.map(|(_, choice)| *choice).ok_or_else(|| {
         let names: Vec<String> = choices.iter().map(|(name, _)| format!("`{name}`")).collect();

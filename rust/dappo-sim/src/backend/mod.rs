@@ -4,10 +4,12 @@
 //! limits, autoreset, class draws and damage codes belong to the [vector env](crate::vector_env).
 
 mod choice;
+mod device;
 pub mod lanes;
 pub mod mujoco;
 
 pub use choice::{BackendKind, Choice, Precision};
+pub use device::Device;
 
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};
@@ -147,7 +149,7 @@ pub trait Backend: Send + Sync {
     ) -> Result<(), SimError>;
 
     /// Everything that the next step depends on, for checkpoints.
-    fn snapshot(&self) -> BackendSnapshot;
+    fn snapshot(&self) -> Result<BackendSnapshot, SimError>;
 
     /// Goes back to a snapshot of a backend of the same robot, kind, precision and number of envs.
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError>;
@@ -166,7 +168,7 @@ pub struct BackendSnapshot {
 
 impl BackendSnapshot {
     /// Checks that a backend with rows of `row` numbers, `envs` envs and `classes` damage classes can go on from it.
-    fn check(&self, row: usize, envs: usize, classes: usize) -> Result<(), SimError> {
+    pub fn check(&self, row: usize, envs: usize, classes: usize) -> Result<(), SimError> {
         if self.row != row || self.rows.len() != envs * row || self.classes.len() != envs {
             return Err(SimError::Snapshot(format!(
                 "it holds {} envs with {} numbers each, this backend has {envs} envs with {row}",
@@ -179,7 +181,7 @@ impl BackendSnapshot {
 }
 
 /// Refuses a damage class that a table of `classes` classes does not have.
-fn check_class(class: usize, classes: usize) -> Result<(), SimError> {
+pub fn check_class(class: usize, classes: usize) -> Result<(), SimError> {
     if class < classes {
         return Ok(());
     }

@@ -18,16 +18,15 @@ pub struct VectorEnvSnapshot {
 
 impl VectorEnv {
     /// The state between two steps.
-    #[must_use]
-    pub fn snapshot(&self) -> VectorEnvSnapshot {
+    pub fn snapshot(&self) -> Result<VectorEnvSnapshot, SimError> {
         let pack = |e: &Episode| {
             [e.key, e.number, e.step as u64, e.class as u64, e.onset as u64, u64::from(e.ended)]
         };
-        VectorEnvSnapshot {
-            backend: self.backend.snapshot(),
+        Ok(VectorEnvSnapshot {
+            backend: self.backend.snapshot()?,
             episodes: self.episodes.iter().map(pack).collect(),
             obs: self.buffers.obs.clone(),
-        }
+        })
     }
 
     /// Goes back to a snapshot of an env of the same configuration.

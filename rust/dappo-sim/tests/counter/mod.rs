@@ -143,8 +143,8 @@ impl Backend for Counter {
         Ok(())
     }
 
-    fn snapshot(&self) -> BackendSnapshot {
-        BackendSnapshot { row: ROW, rows: self.rows.clone(), classes: self.classes.clone() }
+    fn snapshot(&self) -> Result<BackendSnapshot, SimError> {
+        Ok(BackendSnapshot { row: ROW, rows: self.rows.clone(), classes: self.classes.clone() })
     }
 
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {

@@ -4,13 +4,14 @@ mod pairs;
 
 use std::path::Path;
 
+use dappo_sim::Backend;
 use dappo_sim::rng::env_keys;
-use dappo_sim::{Backend, Precision};
 
 use super::dataset::{Header, Part, PolicyId, Shard};
 use super::{Expert, Preset, Subject};
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
+use crate::simulator::Compute;
 use pairs::Pairs;
 
 /// Robots simulated at once, about.
@@ -31,8 +32,8 @@ pub struct CollectConfig {
     pub shard: Shard,
     /// Severity of the damage, as the class table has it.
     pub severity: f64,
-    /// Precision of the physics, where the backend has a choice.
-    pub precision: Precision,
+    /// Where and how precisely the robots are simulated.
+    pub compute: Compute,
 }
 
 /// A policy and where it comes from.

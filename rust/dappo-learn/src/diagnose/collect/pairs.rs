@@ -30,7 +30,7 @@ impl<'a> Pairs<'a> {
         block: usize,
     ) -> Result<Self> {
         let classes = factory.space().classes().len();
-        let fleet = || factory.backend(block * classes, None, config.precision).map(Fleet::new);
+        let fleet = || factory.backend(block * classes, None, config.compute).map(Fleet::new);
         let robots = fleet()?;
         for pilot in [expert, walker.unwrap_or(expert)] {
             let (got, expected) = (pilot.policy.obs_dim(), robots.backend().task().obs_dim());

@@ -108,7 +108,7 @@ impl Scene {
         let skills = parts.load(&self.folder, &self.config, &self.known)?;
         let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
         let robots = trial.classes.len() * trial.episodes;
-        let twins = self.known.backend(robots, None, self.config.evaluation.precision)?;
+        let twins = self.known.backend(robots, None, self.config.evaluation.compute())?;
         let mut controller = Controller::new(skills, wanted, twins)?;
         let stop = || interrupted.load(Ordering::Relaxed);
         let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, &self.config, &self.real, &stop);

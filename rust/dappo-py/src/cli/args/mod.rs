@@ -53,6 +53,7 @@ fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
     }
 }
 
+const DEVICES: [&str; 4] = ["auto", "cpu", "cuda", "warp-cpu"];
 const BACKENDS: [&str; 3] = ["auto", "lanes", "mujoco"];
 const PRECISIONS: [&str; 2] = ["f32", "f64"];
 
@@ -74,10 +75,10 @@ pub struct ConfigArgs {
     /// Seed of all random streams
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
     pub seed: Option<i64>,
-    /// Where to simulate; this version has the CPU
-    #[arg(long, value_parser = ["auto", "cpu"], default_value = "auto")]
-    pub device: String,
-    /// Physics backend
+    /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
+    #[arg(long, value_parser = DEVICES)]
+    pub device: Option<String>,
+    /// Physics backend on the CPU
     #[arg(long, value_parser = BACKENDS)]
     pub backend: Option<String>,
     /// Precision of the backend lanes
@@ -123,7 +124,10 @@ pub struct TrainArgs {
 /// How to simulate the robot of an earlier run.
 #[derive(Debug, Args)]
 pub struct SimulationArgs {
-    /// Physics backend [default: the run's]
+    /// Where to simulate [default: the run's for evaluations, cpu]
+    #[arg(long, value_parser = DEVICES)]
+    pub device: Option<String>,
+    /// Physics backend on the CPU [default: the run's]
     #[arg(long, value_parser = BACKENDS)]
     pub backend: Option<String>,
     /// Precision of the backend lanes [default: the run's for evaluations, f64]

@@ -86,7 +86,7 @@ fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectCon
         preset,
         shard: Shard::parse(&arguments.shard)?,
         severity: config.damage.severity,
-        precision: config.evaluation.precision,
+        compute: config.evaluation.compute(),
     })
 }
 
@@ -109,7 +109,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
         factory.space().classes().len(),
         wanted.timesteps,
         wanted.preset.name(),
-        factory.describe(wanted.precision),
+        factory.describe(wanted.compute),
         arguments.out.display()
     )
 }

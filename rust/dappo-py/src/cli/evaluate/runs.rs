@@ -75,7 +75,7 @@ impl LoadedRun {
             }
         }
         let factory = TableFactory::compile(py, &config)?;
-        let conditions = conditions(py, &config, &factory)?;
+        let conditions = conditions(&config, &factory)?;
         if let Some(reference) = reference {
             check_conditions(reference, folder.root(), &conditions)?;
         }
@@ -91,7 +91,7 @@ impl LoadedRun {
 
     /// A line about the backend.
     pub fn describe(&self) -> String {
-        self.factory.describe(self.config.evaluation.precision)
+        self.factory.describe(self.config.evaluation.compute())
     }
 
     /// A line above its table.
@@ -127,11 +127,7 @@ fn load_policy(
 }
 
 /// The settings that decide what an episode of each damage class is.
-fn conditions(
-    py: Python<'_>,
-    config: &Config,
-    factory: &TableFactory,
-) -> PyResult<Vec<(&'static str, String)>> {
+fn conditions(config: &Config, factory: &TableFactory) -> PyResult<Vec<(&'static str, String)>> {
     let (space, damage) = (factory.space(), &config.damage);
     let steps = factory.env_config(config).map_err(|error| from_learn(&error))?.max_episode_steps;
     Ok(vec![
@@ -141,7 +137,7 @@ fn conditions(
         ("damage.severity", damage.severity.to_string()),
         ("damage.onset", format!("{} to {}", damage.onset.first, damage.onset.last)),
         ("damage.options", damage.options.to_string().trim().to_owned()),
-        ("env.physics", factory.integrator(py)?),
+        ("env.physics", factory.simulator(config.evaluation.compute()).physics),
         ("env.max_episode_steps", steps.to_string()),
     ])
 }

@@ -48,8 +48,8 @@ pub fn groups(evaluation: &Evaluation) {
         "mean forward reward over {} classes: {:.1} (backend {}, {}){}",
         evaluation.classes.len(),
         evaluation.mean_forward_reward(),
-        evaluation.backend,
-        evaluation.precision,
+        evaluation.simulator.backend,
+        evaluation.simulator.precision,
         told(evaluation.encoding)
     ));
 }

@@ -196,14 +196,14 @@ impl Backend for LanesBackend {
         Ok(())
     }
 
-    fn snapshot(&self) -> BackendSnapshot {
+    fn snapshot(&self) -> Result<BackendSnapshot, SimError> {
         let row = self.blocks[0].row();
         let mut rows = vec![0.0; self.num_envs() * row];
         for (env, row) in rows.chunks_exact_mut(row).enumerate() {
             let (block, lane) = self.place(env);
             self.blocks[block].save(lane, row);
         }
-        BackendSnapshot { row, rows, classes: self.classes.clone() }
+        Ok(BackendSnapshot { row, rows, classes: self.classes.clone() })
     }
 
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {

@@ -214,8 +214,8 @@ impl Backend for MujocoBackend {
         Ok(())
     }
 
-    fn snapshot(&self) -> BackendSnapshot {
-        BackendSnapshot { row: self.row, rows: self.rows.clone(), classes: self.classes.clone() }
+    fn snapshot(&self) -> Result<BackendSnapshot, SimError> {
+        Ok(BackendSnapshot { row: self.row, rows: self.rows.clone(), classes: self.classes.clone() })
     }
 
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {

@@ -1,0 +1,202 @@
+"""The devices of the backend ``warp``: which can be used, why not, and what its errors mean.
+
+Warp is imported here alone, and only where somebody asks for it: it is the extra ``gpu``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import importlib.util
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dappo_batch._core import ConfigError, DappoError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dappo_batch.class_table import ClassTable
+    from dappo_batch.kernels.engine import Engine
+    from dappo_batch.kernels.stepper import Stepper
+
+__all__ = ["explain", "open_engine", "open_stepper", "problem", "report", "resolve"]
+
+_INSTALL = "pip install dappo-batch[gpu]"
+_NAMES = {"cuda": "cuda:0", "warp-cpu": "cpu"}
+"""Devices as Warp names them."""
+
+
+def resolve(device: str) -> str:
+    """Return the device that a wish means on this machine.
+
+    Parameters
+    ----------
+    device : {"auto", "cpu", "cuda", "warp-cpu"}
+        ``"auto"`` is a CUDA GPU where one can be used, otherwise the CPU.
+
+    Raises
+    ------
+    ConfigError
+        If the device cannot be used; the message says why and what to do.
+    """
+    if device == "auto":
+        return "cpu" if problem("cuda") else "cuda"
+    if device in _NAMES and (reason := problem(device)):
+        raise ConfigError(f"the device {device} cannot be used: {reason}")
+    return device
+
+
+def problem(device: str) -> str:
+    """Return why the backend ``warp`` cannot use ``"cuda"`` or ``"warp-cpu"``; empty if it can."""
+    missing = [name for name in ("warp", "mujoco_warp") if importlib.util.find_spec(name) is None]
+    if missing:
+        return f"the extra `gpu` is not installed ({' and '.join(missing)} missing); {_INSTALL}"
+    if device == "warp-cpu":
+        return ""
+    if not _has_driver():
+        return "there is no NVIDIA driver; without a GPU, train with --device cpu"
+    warp = _warp()
+    driver, needed = warp.get_cuda_driver_version(), _needed_driver(warp)
+    if driver is not None and needed is not None and driver < needed:
+        return (
+            f"the NVIDIA driver is too old: it is one for CUDA {driver[0]}.{driver[1]}, and Warp"
+            f" {warp.__version__} needs one for CUDA {needed[0]}.{needed[1]} (R580 or newer for CUDA 13);"
+            " update the driver, or train with --device cpu"
+        )
+    if not warp.is_cuda_available():
+        return "the NVIDIA driver finds no GPU; train with --device cpu"
+    return ""
+
+
+def report() -> str:
+    """Return the versions of Warp, its CUDA and the driver's, and the devices it finds, in one line."""
+    warp = _warp()
+    toolkit, driver = warp.get_cuda_toolkit_version(), warp.get_cuda_driver_version()
+    parts = [f"Warp {warp.__version__}"]
+    for name, known in (("built with CUDA", toolkit), ("driver for CUDA", driver)):
+        if known is not None:
+            parts.append(f"{name} {known[0]}.{known[1]}")
+    parts += [f"{device.alias} {device.name}" for device in warp.get_devices()]
+    return ", ".join(parts)
+
+
+def open_engine(
+    table: ClassTable,
+    keys: NDArray[np.uint64],
+    *,
+    device: str,
+    reward: str | None,
+    **options: Any,  # noqa: ANN401 - those of another function
+) -> Engine:
+    """Return the rollout engine of a robot.
+
+    Parameters
+    ----------
+    table : ClassTable
+        The robot.
+    keys : array of shape [N]
+        Random keys of the envs.
+    device : {"cuda", "warp-cpu"}
+        Where.
+    reward : str, optional
+        Name of the reward; the robot's default for None.
+    **options
+        As for `dappo_batch.kernels.engine.Engine`.
+    """
+    resolve(device)
+    from dappo_batch.kernels.engine import Engine
+    from dappo_batch.kernels.task import Task
+
+    with _telling_of_compilation(device):
+        return Engine(Task.of(table, reward), keys, device=_NAMES[device], **options)
+
+
+def open_stepper(
+    table: ClassTable,
+    num_envs: int,
+    *,
+    device: str,
+    reward: str | None,
+    **options: Any,  # noqa: ANN401 - those of another function
+) -> Stepper:
+    """Return the same robots for a host that steps them one call at a time; parameters as `open_engine`."""
+    resolve(device)
+    from dappo_batch.kernels.stepper import Stepper
+    from dappo_batch.kernels.task import Task
+
+    with _telling_of_compilation(device):
+        return Stepper(Task.of(table, reward), num_envs, device=_NAMES[device], **options)
+
+
+def explain(error: BaseException) -> str:
+    """Return what an exception of Warp or of the kernels means for a user."""
+    text = str(error)
+    if isinstance(error, DappoError):
+        return text
+    if type(error).__name__ == "PhysicsOverflowError":
+        njmax, nconmax = (2 * getattr(error, name) for name in ("njmax", "nconmax"))
+        return f"{text}; for example --set env.njmax={njmax} env.nconmax={nconmax}"
+    if isinstance(error, MemoryError) or "Failed to allocate" in text:
+        return f"the device has too little memory: {text}; use fewer envs (--envs)"
+    if isinstance(error, (NotImplementedError, ValueError)):
+        return f"the backend warp cannot go on: {text}; --device cpu simulates every robot"
+    return f"{type(error).__name__}: {text}"
+
+
+def _warp() -> Any:  # noqa: ANN401 - a module that need not be installed
+    import warp
+
+    # Warp would print a line for each of fifty modules.
+    warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)
+    warp.init()
+    return warp
+
+
+def _needed_driver(warp: Any) -> tuple[int, int] | None:  # noqa: ANN401
+    """Return the CUDA version that the driver must know: the first of the one Warp was built with."""
+    toolkit = warp.get_cuda_toolkit_version()
+    return None if toolkit is None else (toolkit[0], 0)
+
+
+def _has_driver() -> bool:
+    """Return whether a CUDA driver is installed, without starting Warp, which takes seconds."""
+    try:
+        ctypes.CDLL(ctypes.util.find_library("cuda") or "libcuda.so.1")
+    except OSError:
+        return False
+    return True
+
+
+@contextmanager
+def _telling_of_compilation(device: str) -> Iterator[None]:
+    """Say on standard error that kernels are being compiled, if they are."""
+    folder = Path(_warp().config.kernel_cache_dir)
+    before, done = _modules(folder), threading.Event()
+
+    def watch() -> None:
+        while not done.wait(0.5):
+            if _modules(folder) - before:
+                note = (
+                    f"compiling the kernels for {device}, a minute or two; later starts find them in {folder}"
+                )
+                print(note, file=sys.stderr, flush=True)
+                return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
+
+
+def _modules(folder: Path) -> set[str]:
+    return set(os.listdir(folder)) if folder.is_dir() else set()

@@ -1,0 +1,64 @@
+//! One rollout as numpy arrays: what the learner sees, for tests and research.
+
+use clap::Parser;
+use dappo_learn::Ppo;
+use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::episodes::EpisodeTracker;
+use numpy::{Element, PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::cli::args::ConfigArgs;
+use crate::cli::settings;
+use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::factory::TableFactory;
+
+#[derive(Debug, Parser)]
+#[command(name = "collect_rollout")]
+struct Arguments {
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+/// Collects the first rollout of a training: the one that `dappo-batch train` with the same arguments begins with.
+#[pyfunction]
+pub fn collect_rollout(py: Python<'_>, arguments: Vec<String>) -> PyResult<Bound<'_, PyDict>> {
+    let arguments = Arguments::try_parse_from(std::iter::once("collect_rollout".to_owned()).chain(arguments))
+        .map_err(|error| raise(Kind::Config, error.to_string()))?;
+    let mut config = settings::resolve(py, &arguments.config)?;
+    config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
+    let factory = TableFactory::compile(py, &config)?;
+    let collected = py.detach(|| {
+        let Sizes { obs_dim, code_length, action_dim } = factory.sizes(&config)?;
+        let device = dappo_learn::cpu();
+        let ppo = Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?;
+        let mut engine = factory.engine(&config)?;
+        let start = engine.snapshot()?;
+        let rollout = engine.collect(&ppo, &mut EpisodeTracker::new(config.env.num_envs), 0)?;
+        Ok((start, rollout))
+    });
+    let (start, rollout) = collected.map_err(|error| from_learn(&error))?;
+    let (steps, envs) = (rollout.horizon, rollout.num_envs);
+    let arrays = PyDict::new(py);
+    let episodes: Vec<u64> = start.episodes.iter().flatten().copied().collect();
+    put(&arrays, "start_episodes", episodes, &[envs, 6])?;
+    put(&arrays, "obs", rollout.obs, &[steps, envs, rollout.obs_dim])?;
+    put(&arrays, "actions", rollout.actions, &[steps, envs, rollout.action_dim])?;
+    put(&arrays, "means", rollout.means, &[steps, envs, rollout.action_dim])?;
+    for (name, values) in [
+        ("log_probs", rollout.log_probs),
+        ("rewards", rollout.rewards),
+        ("values", rollout.values),
+        ("final_values", rollout.final_values),
+    ] {
+        put(&arrays, name, values, &[steps, envs])?;
+    }
+    put(&arrays, "terminated", rollout.terminated, &[steps, envs])?;
+    put(&arrays, "truncated", rollout.truncated, &[steps, envs])?;
+    put(&arrays, "last_values", rollout.last_values, &[envs])?;
+    Ok(arrays)
+}
+
+fn put<T: Element>(arrays: &Bound<'_, PyDict>, name: &str, values: Vec<T>, shape: &[usize]) -> PyResult<()> {
+    arrays.set_item(name, PyArray1::from_vec(arrays.py(), values).reshape(shape.to_vec())?)
+}

@@ -1,0 +1,58 @@
+//! The backend `warp`: MuJoCo's equations on a GPU, in kernels that Python launches (`kernels/`).
+
+mod arrays;
+mod backend;
+mod engine;
+
+use dappo_sim::{Device, SimError};
+use pyo3::prelude::*;
+
+use crate::errors::{is_ours, to_sim};
+
+pub use backend::WarpBackend;
+pub use engine::WarpEngine;
+
+/// Room for contacts and constraints; what the robot can need at most for `None`.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Room {
+    /// Constraints of an env.
+    pub njmax: Option<usize>,
+    /// Contacts, an env on average.
+    pub nconmax: Option<usize>,
+}
+
+/// The device that a wish means on this machine: `auto` becomes another one, and one that cannot be used is an error.
+pub fn resolve(wish: Device) -> Result<Device, SimError> {
+    if wish == Device::Cpu {
+        return Ok(wish);
+    }
+    let name: String = undisturbed(|py| devices(py)?.call_method1("resolve", (wish.name(),))?.extract())?;
+    Device::parse(&name)
+}
+
+fn devices(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
+    py.import("dappo_batch.devices")
+}
+
+/// Runs Python code in a thread of its own. Python raises Ctrl-C in its main thread alone, so it cannot end a step
+/// halfway; whoever waits here may hold the GIL or not.
+fn undisturbed<T: Send>(work: impl FnOnce(Python<'_>) -> PyResult<T> + Send) -> Result<T, SimError> {
+    let run = || {
+        std::thread::scope(|scope| {
+            let worker = scope.spawn(|| Python::attach(|py| work(py).map_err(|error| explain(py, &error))));
+            worker
+                .join()
+                .unwrap_or_else(|_| Err(SimError::Device("the thread of the device has died".into())))
+        })
+    };
+    Python::attach(|py| py.detach(run))
+}
+
+/// What an exception of Warp or of the kernels means for a user.
+fn explain(py: Python<'_>, error: &PyErr) -> SimError {
+    if is_ours(py, error) {
+        return to_sim(py, error);
+    }
+    let told = devices(py).and_then(|module| module.call_method1("explain", (error.value(py),))?.extract());
+    SimError::Device(told.unwrap_or_else(|_| error.to_string()))
+}

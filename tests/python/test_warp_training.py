@@ -1,0 +1,126 @@
+"""`dappo-batch train --device warp-cpu`: the path of a GPU, from the command to the run folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
+
+from dappo_batch._core import run_cli
+
+from .burnpack import checkpoint_contents
+from .command_line import ITERATION, interrupt_when, metrics
+
+# Episodes of at most 20 steps reach over rollouts of 16. Commands run in this process, which has loaded Warp.
+TINY = (
+    *("--device", "warp-cpu", "--physics", "euler", "--threads", "1", "--envs", "4", "--set"),
+    *("horizon=16", "env.max_episode_steps=20", "ppo.hidden=[8]", "evaluation.episodes=1"),
+    *("damage.max_damaged_limbs=1", "damage.onset={first=0,last=9}", "checkpoint.every=100"),
+    "curriculum=[{name='first',mix='healthy'},{name='second',mix='uniform'}]",
+)
+STEPS = 4 * ITERATION
+
+
+def train(run: Path, steps: int) -> None:
+    """Train into a new run folder."""
+    assert run_cli(["train", "--run", str(run), "--steps", str(steps), *TINY]) == 0
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train once, unbroken."""
+    run = tmp_path_factory.mktemp("finished") / "run"
+    train(run, STEPS)
+    return run
+
+
+def test_a_run_names_what_simulated_it_wherever_results_are(finished: Path) -> None:
+    named = {"backend": "warp", "precision": "f32", "device": "warp-cpu", "physics": "euler"}
+    assert named.items() <= json.loads((finished / "meta.json").read_text()).items()
+    lines = metrics(finished)
+    assert all(named.items() <= line.items() for line in lines)
+    assert [line["stage"] for line in lines] == ["first", "first", "second", "second"]
+    assert [line["diverged"] for line in lines] == [0, 0, 0, 0]
+    config = tomllib.loads((finished / "config.toml").read_text())
+    # Results of all devices are compared on the CPU.
+    assert (config["env"]["device"], config["evaluation"]["device"]) == ("warp-cpu", "cpu")
+    header, row, *_ = (finished / "eval" / "per_class.csv").read_text().splitlines()
+    assert header.endswith(",backend,precision,device,physics")
+    assert row.endswith(",lanes,f64,cpu,euler")
+
+
+def test_episodes_are_summed_over_rollouts(finished: Path) -> None:
+    lines = metrics(finished)
+    # 256 env steps in episodes of at most 20, of which 4 have not ended.
+    assert sum(line["episodes"] for line in lines) >= 12
+    lengths = [line["episode_length"] for line in lines if line["episodes"]]
+    assert all(1 <= length <= 20 for length in lengths)
+    assert all(line["forward_reward"] is not None for line in lines if line["episodes"])
+
+
+def test_a_run_that_goes_on_from_a_checkpoint_equals_one_that_was_never_stopped(
+    finished: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    arguments = ["train", "--run", str(run), "--steps", str(STEPS), *TINY]
+    assert run_cli([*arguments, "checkpoint.every=1", "checkpoint.keep=4"]) == 0
+    for name in ("00000003", "00000004"):  # as if it had been killed in the second stage
+        shutil.rmtree(run / "checkpoints" / name)
+    assert run_cli(["train", "--resume", str(run)]) == 0
+    assert metrics(run) == metrics(finished)
+    newest, other = (max((folder / "checkpoints").glob("0*")) for folder in (run, finished))
+    assert newest.name == other.name == "00000004"
+    assert checkpoint_contents(newest) == checkpoint_contents(other)
+
+
+def test_an_evaluation_on_the_device_names_it(finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run = str(finished)
+    assert run_cli(["evaluate", run, "--json", "--device", "warp-cpu", "--backend", "mujoco"]) == 0
+    (found,) = json.loads(capfd.readouterr().out)["runs"]
+    assert (found["backend"], found["precision"], found["device"]) == ("warp", "f32", "warp-cpu")
+    assert [entry["episodes"] for entry in found["classes"]] == [1] * 9
+    assert all(entry["episode_length"] == 20 or entry["falls"] for entry in found["classes"])
+    assert all(math.isfinite(entry["forward_reward"]) for entry in found["classes"])
+
+
+def test_too_little_room_for_contacts_is_an_error_with_the_number_to_set(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    settings = [*TINY, "env.njmax=8"]
+    assert run_cli(["train", "--run", str(tmp_path / "run"), "--steps", str(STEPS), *settings]) == 1
+    err = capfd.readouterr().err
+    assert "had no room for all contacts or constraints" in err
+    assert "njmax = 8" in err
+    assert "--set env.njmax=16" in err
+
+
+def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    config = run / "config.toml"
+    text = config.read_text()
+    assert text.count('device = "warp-cpu"') == 1
+    config.write_text(text.replace('device = "warp-cpu"', 'device = "cpu"'))
+    arguments: list[Any] = ["train", "--resume", str(run), "--steps", str(2 * STEPS)]
+    assert run_cli(arguments) == 1
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_after_the_iteration_and_the_run_can_go_on(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    lines = run / "metrics.jsonl"
+    err = interrupt_when(
+        lambda: lines.exists() and lines.read_bytes().count(b"\n") >= 2,
+        *("train", "--run", run, "--steps", str(1000 * ITERATION), *TINY),
+    )
+    assert f"--resume {run}" in err
+    assert "Traceback" not in err
+    done = len(metrics(run))
+    assert max((run / "checkpoints").iterdir()).name == f"{done:08}"
