@@ -17,7 +17,7 @@ $(UV):
 	.tools/bin/python -m pip install --quiet uv==$(UV_VERSION)
 
 setup: $(UV) ## Build the extension and install everything into .venv
-	$(UV) sync --locked --extra test
+	$(UV) sync --locked --extra test --extra gpu
 
 train: setup ## Train DA-PPO on the damaged Ant: the main job
 	$(RUN) dappo-batch train
