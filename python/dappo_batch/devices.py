@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dappo_batch.kernels.engine import Engine
     from dappo_batch.kernels.stepper import Stepper
 
-__all__ = ["explain", "open_engine", "open_stepper", "problem", "report", "resolve"]
+__all__ = ["explain", "load_warp", "open_engine", "open_stepper", "problem", "report", "resolve"]
 
 _INSTALL = "pip install dappo-batch[gpu]"
 _NAMES = {"cuda": "cuda:0", "warp-cpu": "cpu"}
@@ -62,7 +62,7 @@ def problem(device: str) -> str:
         return ""
     if not _has_driver():
         return "there is no NVIDIA driver; without a GPU, train with --device cpu"
-    warp = _warp()
+    warp = load_warp()
     driver, needed = warp.get_cuda_driver_version(), _needed_driver(warp)
     if driver is not None and needed is not None and driver < needed:
         return (
@@ -77,7 +77,7 @@ def problem(device: str) -> str:
 
 def report() -> str:
     """Return the versions of Warp, its CUDA and the driver's, and the devices it finds, in one line."""
-    warp = _warp()
+    warp = load_warp()
     toolkit, driver = warp.get_cuda_toolkit_version(), warp.get_cuda_driver_version()
     parts = [f"Warp {warp.__version__}"]
     for name, known in (("built with CUDA", toolkit), ("driver for CUDA", driver)):
@@ -150,7 +150,8 @@ def explain(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}"
 
 
-def _warp() -> Any:  # noqa: ANN401 - a module that need not be installed
+def load_warp() -> Any:  # noqa: ANN401 - a module that need not be installed
+    """Return Warp, started and quiet."""
     import warp
 
     # Warp would print a line for each of fifty modules.
@@ -177,7 +178,7 @@ def _has_driver() -> bool:
 @contextmanager
 def _telling_of_compilation(device: str) -> Iterator[None]:
     """Say on standard error that kernels are being compiled, if they are."""
-    folder = Path(_warp().config.kernel_cache_dir)
+    folder = Path(load_warp().config.kernel_cache_dir)
     before, done = _modules(folder), threading.Event()
 
     def watch() -> None:

@@ -37,7 +37,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401
         found = importlib.util.find_spec("numpy") if extra else None
         monkeypatch.setattr(devices.importlib.util, "find_spec", lambda _: found)
         monkeypatch.setattr(devices, "_has_driver", lambda: has_driver)
-        monkeypatch.setattr(devices, "_warp", lambda: fake_warp(driver, gpus))
+        monkeypatch.setattr(devices, "load_warp", lambda: fake_warp(driver, gpus))
 
     return pretend
 

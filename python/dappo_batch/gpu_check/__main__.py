@@ -79,8 +79,7 @@ def _cell(value: Any) -> str:  # noqa: ANN401
 
 def machine(scale: Scale) -> dict[str, Any]:
     """Return versions, driver and device."""
-    import warp as wp
-
+    wp = devices.load_warp()
     device = wp.get_device(scale.device)
     packages = ("dappo-batch", "mujoco", "mujoco-warp", "warp-lang", "numpy")
     return {name: version(name) for name in packages} | {
@@ -109,7 +108,7 @@ def main(argv: list[str] | None = None) -> int:
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    import warp as wp
+    wp = devices.load_warp()
 
     from dappo_batch.gpu_check import correctness, speed, training
 

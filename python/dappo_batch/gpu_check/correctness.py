@@ -20,7 +20,7 @@ from dappo_batch.kernels.worlds import Worlds
 
 __all__ = ["decisions", "graph", "physics"]
 
-_TRAJECTORY = 2e-5  # largest relative difference after 100 substeps with elliptic cones
+_TRAJECTORY = 5e-5  # largest relative difference after 100 substeps with elliptic cones
 _DECISION = 1e-5
 _SUBSTEPS = 100
 

@@ -67,7 +67,11 @@ def _measure(task: Task, num_envs: int, scale: Scale) -> dict[str, Any]:
                 array.numpy()
 
     rollout, copy = _seconds(rollouts), _seconds(copies)
-    policy, physics = (_seconds(partial(_launch, graph, steps)) for graph in _parts(captured))
+    parts = []
+    for graph in _parts(captured):
+        captured.worlds.reset()
+        parts.append(_seconds(partial(_launch, graph, steps)))
+    policy, physics = parts
     in_ms = 1000.0 / steps
     return {
         "steps_per_second": round(num_envs * steps / (rollout + copy)),
