@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -110,6 +112,15 @@ def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Pat
     config.write_text(text.replace('device = "warp-cpu"', 'device = "cpu"'))
     arguments: list[Any] = ["train", "--resume", str(run), "--steps", str(2 * STEPS)]
     assert run_cli(arguments) == 1
+
+
+@pytest.mark.slow
+def test_a_vector_env_that_nobody_closed_does_not_keep_a_program_from_ending() -> None:
+    program = (
+        "import dappo_batch; envs = dappo_batch.make_vec('ant', 2, device='warp-cpu', physics='euler');"
+        "envs.reset()"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=120, capture_output=True)
 
 
 @pytest.mark.slow

@@ -7,11 +7,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{copy, numbers, rows, vector};
-use super::{Room, devices, undisturbed};
+use super::{Handle, Room, devices, undisturbed};
 
 /// A `Stepper` of `kernels/stepper.py`.
 pub struct WarpBackend {
-    stepper: Py<PyAny>,
+    stepper: Handle,
     task: Task,
     num_classes: usize,
     classes: Vec<usize>,
@@ -48,7 +48,7 @@ impl WarpBackend {
             let arguments = (table.bind(py), num_envs);
             let stepper = devices(py)?.call_method("open_stepper", arguments, Some(&options))?;
             let row = stepper.getattr("row_length")?.extract()?;
-            Ok((stepper.unbind(), row))
+            Ok((Handle::new(stepper), row))
         })?;
         Ok(Self { stepper, task, num_classes, classes: vec![0; num_envs], row })
     }
@@ -107,7 +107,7 @@ impl Backend for WarpBackend {
         let shown: Vec<f32> = undisturbed(|py| {
             let arguments =
                 (numbers(py, &envs), numbers(py, &classes), numbers(py, &keys), numbers(py, &episodes));
-            vector(&stepper.bind(py).call_method1("reset", arguments)?)
+            vector(&stepper.bind(py)?.call_method1("reset", arguments)?)
         })?;
         self.show(&shown, |env| !is_reset[env], obs);
         Ok(())
@@ -123,7 +123,7 @@ impl Backend for WarpBackend {
         let stepper = &self.stepper;
         undisturbed(|py| {
             let arguments = (numbers(py, &envs), numbers(py, &classes));
-            stepper.bind(py).call_method1("set_classes", arguments).map(|_| ())
+            stepper.bind(py)?.call_method1("set_classes", arguments).map(|_| ())
         })
     }
 
@@ -133,7 +133,7 @@ impl Backend for WarpBackend {
         let (stepper, envs) = (&self.stepper, self.classes.len());
         let found = undisturbed(|py| {
             let arguments = (rows(py, actions, envs)?, numbers(py, skip));
-            let step = stepper.bind(py).call_method1("step", arguments)?;
+            let step = stepper.bind(py)?.call_method1("step", arguments)?;
             Ok(Outcome {
                 obs: vector(&step.getattr("obs")?)?,
                 rewards: vector(&step.getattr("rewards")?)?,
@@ -158,7 +158,7 @@ impl Backend for WarpBackend {
         self.expect("qvel", qvel.len(), self.task.layout().nv)?;
         let stepper = &self.stepper;
         undisturbed(|py| {
-            let state = stepper.bind(py).call_method0("state")?;
+            let state = stepper.bind(py)?.call_method0("state")?;
             copy(&state.get_item(0)?, "qpos", qpos)?;
             copy(&state.get_item(1)?, "qvel", qvel)
         })
@@ -177,7 +177,7 @@ impl Backend for WarpBackend {
         let (stepper, envs) = (&self.stepper, self.classes.len());
         let shown: Vec<f32> = undisturbed(|py| {
             let arguments = (rows(py, qpos, envs)?, rows(py, qvel, envs)?, numbers(py, skip));
-            vector(&stepper.bind(py).call_method1("set_state", arguments)?)
+            vector(&stepper.bind(py)?.call_method1("set_state", arguments)?)
         })?;
         self.show(&shown, |env| skip[env], obs);
         Ok(())
@@ -185,7 +185,7 @@ impl Backend for WarpBackend {
 
     fn snapshot(&self) -> Result<BackendSnapshot, SimError> {
         let stepper = &self.stepper;
-        let rows: Vec<f32> = undisturbed(|py| vector(&stepper.bind(py).call_method0("snapshot")?))?;
+        let rows: Vec<f32> = undisturbed(|py| vector(&stepper.bind(py)?.call_method0("snapshot")?))?;
         let rows = rows.into_iter().map(f64::from).collect();
         Ok(BackendSnapshot { row: self.row, rows, classes: self.classes.clone() })
     }
@@ -198,7 +198,7 @@ impl Backend for WarpBackend {
         let stepper = &self.stepper;
         undisturbed(|py| {
             let arguments = (rows(py, &state, envs)?, numbers(py, &classes));
-            stepper.bind(py).call_method1("restore", arguments).map(|_| ())
+            stepper.bind(py)?.call_method1("restore", arguments).map(|_| ())
         })?;
         self.classes.copy_from_slice(&snapshot.classes);
         Ok(())

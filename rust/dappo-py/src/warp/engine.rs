@@ -13,14 +13,14 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{copy, numbers, rows, vector};
-use super::{Room, devices, undisturbed};
+use super::{Handle, Room, devices, undisturbed};
 
 /// Entries of an episode on the device: key, number, step, class and onset. Episodes there never wait for a reset.
 const EPISODE: usize = 5;
 
 /// An `Engine` of `kernels/engine.py`.
 pub struct WarpEngine {
-    engine: Py<PyAny>,
+    engine: Handle,
     sizes: Sizes,
     num_envs: usize,
     num_classes: usize,
@@ -55,7 +55,7 @@ impl WarpEngine {
             let arguments = (table.bind(py), numbers(py, &envs.keys));
             let engine = devices(py)?.call_method("open_engine", arguments, Some(&options))?;
             let row = engine.getattr("row_length")?.extract()?;
-            Ok((engine.unbind(), row))
+            Ok((Handle::new(engine), row))
         })?;
         Ok(Self {
             engine,
@@ -77,7 +77,7 @@ impl WarpEngine {
         let normalizer = ppo.normalizer();
         let engine = &self.engine;
         let (velocities, diverged) = undisturbed(|py| {
-            let engine = engine.bind(py);
+            let engine = engine.bind(py)?;
             let weights = (numbers(py, &actor), numbers(py, &critic), numbers(py, &log_std));
             engine.call_method1("assign", weights)?;
             let statistics = (
@@ -137,7 +137,7 @@ impl RolloutEngine for WarpEngine {
         let engine = &self.engine;
         let set = undisturbed(|py| {
             let sums = numbers(py, classes.cumulative());
-            engine.bind(py).call_method1("set_class_distribution", (sums,)).map(|_| ())
+            engine.bind(py)?.call_method1("set_class_distribution", (sums,)).map(|_| ())
         });
         set.map_err(LearnError::from)
     }
@@ -149,7 +149,7 @@ impl RolloutEngine for WarpEngine {
     fn snapshot(&self) -> Result<VectorEnvSnapshot> {
         let engine = &self.engine;
         let (rows, classes, episodes, obs) = undisturbed(|py| {
-            let snapshot = engine.bind(py).call_method0("snapshot")?;
+            let snapshot = engine.bind(py)?.call_method0("snapshot")?;
             Ok((
                 vector::<f32>(&snapshot.getattr("rows")?)?,
                 vector::<i32>(&snapshot.getattr("classes")?)?,
@@ -182,7 +182,7 @@ impl RolloutEngine for WarpEngine {
                 rows(py, &episodes, envs)?,
                 rows(py, &snapshot.obs, envs)?,
             );
-            engine.bind(py).call_method1("restore", arguments).map(|_| ())
+            engine.bind(py)?.call_method1("restore", arguments).map(|_| ())
         })
         .map_err(LearnError::from)
     }

@@ -7,7 +7,7 @@ mod engine;
 use dappo_sim::{Device, SimError};
 use pyo3::prelude::*;
 
-use crate::errors::{is_ours, to_sim};
+use crate::errors::{Kind, is_ours, raise, to_sim};
 
 pub use backend::WarpBackend;
 pub use engine::WarpEngine;
@@ -28,6 +28,36 @@ pub fn resolve(wish: Device) -> Result<Device, SimError> {
     }
     let name: String = undisturbed(|py| devices(py)?.call_method1("resolve", (wish.name(),))?.extract())?;
     Device::parse(&name)
+}
+
+/// An object of Python that owns memory of a device.
+struct Handle(Option<Py<PyAny>>);
+
+impl Handle {
+    fn new(object: Bound<'_, PyAny>) -> Self {
+        Self(Some(object.unbind()))
+    }
+
+    fn bind<'py>(&self, py: Python<'py>) -> PyResult<&Bound<'py, PyAny>> {
+        let object = self.0.as_ref().ok_or_else(|| raise(Kind::Simulation, "the device has been closed"))?;
+        Ok(object.bind(py))
+    }
+}
+
+impl Drop for Handle {
+    /// Freeing runs Python code too, which a Ctrl-C that waits in the main thread would hit.
+    fn drop(&mut self) {
+        let Some(object) = self.0.take() else { return };
+        let is_finalizing = |py: Python<'_>| py.import("sys")?.call_method0("is_finalizing")?.extract();
+        // An interpreter that ends lets no other thread in.
+        if !Python::attach(is_finalizing).unwrap_or(true) {
+            // Whatever Warp says about memory that it frees, nobody is left to hear it.
+            let _ = undisturbed(move |_| {
+                drop(object);
+                Ok(())
+            });
+        }
+    }
 }
 
 fn devices(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
