@@ -340,3 +340,35 @@ def test_a_damage_that_the_controller_does_not_know_is_mapped_to_one_that_it_doe
     names = make(parts).class_names
     first = [next(e for e in events if e["event"] == "diagnosed") for events in result["events"]]
     assert {names[event["class"]] for event in first} <= set(names)
+
+
+def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts: Path) -> None:
+    dead = ("--set", 'damage.types=["weak_motor", "missing_toe"]', "damage.options.weak_motor.strength=0.0")
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead, "--json")
+    summary = json.loads(out)["summary"]
+    (outcome,) = summary["classes"]
+    assert outcome["name"] == "weak_motor@1"
+    assert outcome["detected"] == outcome["episodes"] > 0
+    assert outcome["right_at_first"] == outcome["right_at_last"] == 0
+    assert outcome["oracle"] is summary["recovered_share"] is outcome["median_recovery"] is None
+    assert {entry["name"] for entry in outcome["told"]} <= set(make(parts).class_names)
+    assert sum(entry["episodes"] for entry in outcome["told"]) == outcome["episodes"]
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead)
+    assert "told in the end, with episodes: " in out
+    assert "oracle" not in out
+
+
+def test_a_known_damage_keeps_its_oracle_among_unknown_ones(parts: Path, trial: Record) -> None:
+    """Its class has another number in the robot's table than in the policy's."""
+    other = ("--set", 'damage.types=["weak_motor", "missing_toe"]')
+    out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET), *other, "--json")
+    (outcome,) = json.loads(out)["summary"]["classes"]
+    known = next(row for row in trial["classes"] if row["name"] == "missing_toe@3")
+    for key in ("oracle", "unadapted", "adapted", "right_at_first", "right_at_last", "median_recovery"):
+        assert outcome[key] == known[key], key
+
+
+def test_another_robot_than_the_policys_is_refused(parts: Path) -> None:
+    other = ("--damage", "missing_toe@1", "--set", 'robot="hexapod"')
+    _, err = run("adapt", *equipment(parts), *other, code=1)
+    assert "--set makes the robot `hexapod`, but the policy controls `ant`" in err

@@ -7,6 +7,7 @@ mod outcome;
 mod pilot;
 mod summary;
 mod trace;
+mod vocabulary;
 
 use std::time::Instant;
 
@@ -18,16 +19,17 @@ use crate::controller::Event;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 
-pub use class::ClassOutcome;
+pub use class::{ClassOutcome, Told};
 pub use outcome::{EpisodeOutcome, RECOVERED};
 pub use pilot::Pilot;
 pub use summary::{DecisionTime, Summary};
 pub use trace::trace;
+pub use vocabulary::Vocabulary;
 
 /// Episodes of some damage classes, all struck at one step.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Trial {
-    /// Damage classes.
+    /// Damage classes of the robots.
     pub classes: Vec<usize>,
     /// Episodes of each class.
     pub episodes: usize,
@@ -86,7 +88,7 @@ impl Trial {
         let mut env = factory.make(
             VectorEnvConfig {
                 keys,
-                observe_damage: true,
+                observe_damage: false,
                 autoreset: Autoreset::Disabled,
                 onset: Onset { first: self.onset, last: self.onset },
                 ..factory.env_config(config)?

@@ -5,7 +5,7 @@ mod show;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, trace};
+use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, Vocabulary, trace};
 use dappo_learn::config::{Config, Layers};
 use dappo_learn::controller::{Controller, ControllerConfig};
 use dappo_learn::envs::EnvFactory;
@@ -28,6 +28,8 @@ struct Scene {
     known: TableFactory,
     /// Compiles the robot: it may be damaged in ways that the controller does not know.
     real: TableFactory,
+    /// The one's damage in the words of the other.
+    vocabulary: Vocabulary,
 }
 
 pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
@@ -49,7 +51,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
             &json!({ "trial": trial_json(&trial), "summary": summary, "events": events }).to_string(),
         );
     } else {
-        show::show(&summary, &contest, &trial, &scene.names());
+        show::show(&summary, &contest, &trial, &scene.vocabulary.known_names);
     }
     Ok(0)
 }
@@ -65,25 +67,19 @@ impl Scene {
         let known = TableFactory::compile(py, &config)?;
         let config = with_settings(config, &arguments.set).map_err(|error| from_learn(&error))?;
         let real = TableFactory::compile(py, &config)?;
-        let same = |factory: &TableFactory| {
-            factory.space().classes().iter().map(|c| c.name.clone()).collect::<Vec<_>>()
-        };
-        if same(&known) != same(&real) {
+        if known.robot().name != real.robot().name {
             return Err(from_learn(&LearnError::Invalid(format!(
-                "--set makes {} damage classes of the robot, the policy knows {}; change their details, not their kinds",
-                real.space().classes().len(),
-                known.space().classes().len()
+                "--set makes the robot `{}`, but the policy controls `{}`",
+                real.robot().name,
+                known.robot().name
             ))));
         }
-        Ok(Self { folder, config, known, real })
-    }
-
-    fn names(&self) -> Vec<String> {
-        self.known.space().classes().iter().map(|class| class.name.clone()).collect()
+        let vocabulary = Vocabulary::new(known.space(), real.space());
+        Ok(Self { folder, config, known, real, vocabulary })
     }
 
     fn trial(&self, arguments: &AdaptArgs) -> Result<Trial> {
-        let space = self.known.space();
+        let space = self.real.space();
         let classes = match &arguments.damage {
             Some(damage) => vec![space.parse(damage)?],
             None => (0..space.classes().len()).collect(),
@@ -114,8 +110,8 @@ impl Scene {
         let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, &self.config, &self.real, &stop);
         let Some(adapted) = run(Pilot::Controller(&mut controller))? else { return Ok(None) };
         let policy = controller.policy();
-        let Some(oracle) = run(Pilot::Oracle(policy))? else { return Ok(None) };
-        let Some(unadapted) = run(Pilot::Unadapted(policy))? else { return Ok(None) };
+        let Some(oracle) = run(Pilot::Oracle(policy, &self.vocabulary))? else { return Ok(None) };
+        let Some(unadapted) = run(Pilot::Unadapted(policy, &self.vocabulary))? else { return Ok(None) };
         let unaware = match &unaware {
             None => None,
             Some(policy) => match run(Pilot::Unaware(policy))? {
@@ -140,8 +136,7 @@ impl Scene {
 
     /// Forms the summary and writes the files that were asked for.
     fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, contest: &Contest) -> Result<Summary> {
-        let names = self.names();
-        let summary = Summary::new(trial, &names, contest)?;
+        let summary = Summary::new(trial, &self.vocabulary, contest)?;
         if arguments.all_classes {
             self.folder.write_evaluation("adapt.csv", &summary.csv())?;
             let text = serde_json::to_string_pretty(&summary)
@@ -150,7 +145,7 @@ impl Scene {
         }
         if let (Some(path), Some(walk)) = (&arguments.log, contest.adapted.episodes.first()) {
             let io = |source| LearnError::Io { path: path.clone(), source };
-            std::fs::write(path, trace(walk, trial.onset, &names)).map_err(io)?;
+            std::fs::write(path, trace(walk, trial.onset, &self.vocabulary)).map_err(io)?;
         }
         Ok(summary)
     }
