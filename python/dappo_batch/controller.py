@@ -94,7 +94,8 @@ class Controller:
     def events(self) -> list[Event]:
         """All that has happened, in order.
 
-        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``readings_lost`` and ``readings_back``.
+        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``readings_lost`` and
+        ``readings_back``.
         """
         return self._events
 

@@ -263,16 +263,17 @@ def test_another_damage_and_its_repair_are_noticed_as_the_first_one_was(parts: P
 
 
 def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Path) -> None:
-    controller, robots = make(parts), Robots(["healthy"])
+    controller, robots = make(parts, EPISODES), Robots(["healthy"] * EPISODES)
     robots.walk(controller, ONSET)
-    robots.become(["missing_toe@1"])
-    while not controller.events:
+    robots.become(["missing_toe@1"] * EPISODES)
+    while len(kinds(controller)) == 0:
         robots.walk(controller, 1)
     robots.walk(controller, 15)
-    robots.become(["jammed_joint@2"])
+    robots.become(["jammed_joint@2"] * EPISODES)
     # What is named after a window of two damages may be wrong, but it does not last.
     robots.walk(controller, 350)
-    assert told(controller) == ["jammed_joint@2"]
+    # A robot that lies still hardly shows a jammed joint.
+    assert told(controller).count("jammed_joint@2") > EPISODES / 2
 
 
 def test_a_diagnosis_without_confidence_is_not_believed(parts: Path) -> None:
@@ -353,6 +354,17 @@ def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts:
     assert outcome["oracle"] is summary["recovered_share"] is outcome["median_recovery"] is None
     assert {entry["name"] for entry in outcome["told"]} <= set(make(parts).class_names)
     assert sum(entry["episodes"] for entry in outcome["told"]) == outcome["episodes"]
+    # The diagnoser names a class nevertheless, and the twin with its damage shows that it is none of them.
+    events = [event for episode in json.loads(out)["events"] for event in episode]
+    withdrawn = [event for event in events if event["event"] == "withdrawn"]
+    assert withdrawn
+    for event in withdrawn:
+        assert event["class"] > 0
+        assert event["residual"] >= event["healthy"]
+        assert {"robot": event["robot"], "step": event["step"], "event": "adapted", "class": 0} in events
+    believing = (*dead, "--controller", "probation=0", "--json")
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *believing)
+    assert not [e for episode in json.loads(out)["events"] for e in episode if e["event"] == "withdrawn"]
     out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead)
     assert "told in the end, with episodes: " in out
     assert "oracle" not in out

@@ -23,6 +23,7 @@ pub fn trace(walk: &Walk, onset: usize, vocabulary: &Vocabulary) -> String {
                     told = *class;
                     "adapted".to_owned()
                 }
+                EventKind::Withdrawn { class, .. } => format!("withdrawn {}", name(*class)),
                 EventKind::ReadingsLost { .. } => "readings lost".to_owned(),
                 EventKind::ReadingsBack => "readings back".to_owned(),
             });

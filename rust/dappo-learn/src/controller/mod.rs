@@ -11,6 +11,7 @@
 
 mod config;
 mod event;
+mod probation;
 mod robot;
 mod skills;
 mod suspicion;
@@ -25,6 +26,7 @@ use crate::normalizer::CLIP;
 
 pub use config::{ControllerConfig, Trigger};
 pub use event::{Event, EventKind};
+use probation::{Probation, Rebuttal};
 use robot::Robot;
 pub use skills::Skills;
 use suspicion::Evidence;
@@ -199,9 +201,19 @@ impl Controller {
             return if window.damaged.len() == full { self.diagnose(index) } else { Ok(()) };
         }
         let residual = predicted.map(|twin| distance(twin, observed, &self.scale));
+        if let Some((probation, residual)) = robot.probation.as_mut().zip(residual)
+            && let Some(verdict) = probation.weigh(&self.config, residual)
+        {
+            robot.probation = None;
+            if let Err(rebuttal) = verdict {
+                self.withdraw(index, rebuttal);
+            }
+        }
+        let robot = &mut self.robots[index];
         let expected = self.skills.baselines[robot.class];
         if let Some(evidence) = robot.suspicion.weigh(&self.config, velocity, residual, expected) {
             robot.examination = Some(Window::default());
+            robot.probation = None;
             let Evidence { forward_velocity, residual } = evidence;
             self.event(index, EventKind::Suspected { forward_velocity, expected, residual });
         }
@@ -214,13 +226,34 @@ impl Controller {
         let (class, confidence) = self.skills.diagnoser.diagnose(&window)?;
         let accepted = f64::from(confidence) >= self.config.confidence;
         self.event(index, EventKind::Diagnosed { class, confidence, accepted });
+        let healthy = self.residuals(&window);
         let robot = &mut self.robots[index];
         robot.suspicion.rest(&self.config);
+        if accepted && class != 0 {
+            robot.probation = Probation::new(&self.config, &healthy);
+        }
         if accepted && class != robot.class {
             robot.class = class;
             self.event(index, EventKind::Adapted { class });
         }
         Ok(())
+    }
+
+    /// Residuals of the healthy twin in an examination; none unless it stood beside the robot before every step, as the
+    /// twin of a walking robot does.
+    fn residuals(&self, window: &Window) -> Vec<f64> {
+        let led = self.skills.diagnoser.description().twin;
+        let width = self.obs_dim();
+        let rows = window.twin.chunks_exact(width).zip(window.damaged.chunks_exact(width));
+        let is_beside = (1..rows.len()).all(|row| led.resyncs_before(row));
+        rows.filter(|_| is_beside).map(|(twin, observed)| distance(twin, observed, &self.scale)).collect()
+    }
+
+    /// Takes a diagnosis back that explains the robot no better than no damage does.
+    fn withdraw(&mut self, index: usize, Rebuttal { residual, healthy }: Rebuttal) {
+        let class = std::mem::take(&mut self.robots[index].class);
+        self.event(index, EventKind::Withdrawn { class, residual, healthy });
+        self.event(index, EventKind::Adapted { class: 0 });
     }
 
     /// The expert's actions for robots under examination, those of the policy for the others.

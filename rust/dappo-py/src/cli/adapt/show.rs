@@ -40,6 +40,10 @@ fn story(events: &[Event], trial: &Trial, names: &[String]) {
                 format!("diagnosis: {} ({:.0} %{doubt})", name(*class), 100.0 * confidence)
             }
             EventKind::Adapted { class } => format!("the policy is told: {}", name(*class)),
+            EventKind::Withdrawn { class, residual, healthy } => format!(
+                "withdrawn: {}; its twin differs by {residual:.3}, the healthy one by {healthy:.3}",
+                name(*class)
+            ),
             EventKind::ReadingsLost { faults } => format!("{faults} readings lost"),
             EventKind::ReadingsBack => "all readings are back".to_owned(),
         };
