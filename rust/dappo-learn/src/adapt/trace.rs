@@ -46,11 +46,11 @@ mod tests {
         let walk = Walk {
             class: 1,
             velocities: vec![1.0, 0.5, 0.25],
-            fell: false,
             events: vec![
                 event(1, EventKind::Diagnosed { class: 1, confidence: 0.875, accepted: true }),
                 event(1, EventKind::Adapted { class: 1 }),
             ],
+            ..Walk::default()
         };
         let names = ["healthy".to_owned(), "broken".to_owned()];
         assert_eq!(
