@@ -47,6 +47,20 @@ impl Parts<'_> {
         let diagnoser = Diagnoser::load(&training.model())?;
         Ok(Skills { policy, expert: Expert::new(expert), diagnoser, baselines })
     }
+
+    /// A controller of `robots` robots made of these parts.
+    pub fn assemble(
+        &self,
+        folder: &RunFolder,
+        config: &Config,
+        factory: &TableFactory,
+        wanted: ControllerConfig,
+        robots: usize,
+    ) -> dappo_learn::Result<Controller> {
+        let skills = self.load(folder, config, factory)?;
+        let twins = factory.backend(robots, None, config.evaluation.precision)?;
+        Controller::new(skills, wanted, twins)
+    }
 }
 
 /// The settings of a controller from `KEY=VALUE` texts.
@@ -89,11 +103,7 @@ impl PyController {
         config.env.threads = Some(1);
         let factory = TableFactory::compile(py, &config)?;
         let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
-        let controller = py.detach(|| {
-            let skills = parts.load(&folder, &config, &factory)?;
-            let twins = factory.backend(num_robots, None, config.evaluation.precision)?;
-            Controller::new(skills, wanted, twins)
-        });
+        let controller = py.detach(|| parts.assemble(&folder, &config, &factory, wanted, num_robots));
         let controller = controller.map_err(|error| from_learn(&error))?;
         Ok(Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller })
     }

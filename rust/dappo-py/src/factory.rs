@@ -73,6 +73,11 @@ impl TableFactory {
         }
     }
 
+    /// The class table in Python.
+    pub fn table<'py>(&self, py: Python<'py>) -> &Bound<'py, PyAny> {
+        self.table.bind(py)
+    }
+
     /// Integrator of the compiled models, as MuJoCo names it.
     pub fn integrator(&self, py: Python<'_>) -> PyResult<String> {
         py.import("dappo_batch.mujoco_library")?

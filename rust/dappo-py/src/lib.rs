@@ -8,6 +8,7 @@ mod errors;
 mod factory;
 mod lane_worlds;
 mod model_reader;
+mod policy;
 mod vector_env;
 
 use pyo3::prelude::*;
@@ -20,6 +21,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<damage::PyDamageSpace>()?;
     module.add_class::<vector_env::PyVectorEnv>()?;
     module.add_class::<controller::PyController>()?;
+    module.add_class::<policy::PyPolicy>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())

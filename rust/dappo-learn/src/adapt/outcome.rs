@@ -87,7 +87,7 @@ mod tests {
     /// 1 m/s, 0.2 m/s from the damage at step 100, and 0.9 m/s from step 200 on.
     fn walk(class: usize, events: Vec<Event>) -> Walk {
         let velocities = [vec![1.0; 100], vec![0.2; 100], vec![0.9; 200]].concat();
-        Walk { class, velocities, fell: false, events }
+        Walk { class, velocities, events, ..Walk::default() }
     }
 
     #[test]

@@ -188,14 +188,14 @@ mod tests {
         Walk {
             class,
             velocities: [vec![before; 10], vec![after; 90]].concat(),
-            fell: false,
             events: suspected.map(|step| Event { robot: 0, step, kind }).into_iter().collect(),
+            ..Walk::default()
         }
     }
 
     #[test]
     fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
-        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0 };
+        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0, filmed: false };
         let all = |healthy: f64, mild: f64, severe: f64| {
             let episodes = vec![
                 walk(0, 1.0, healthy, None),
@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn an_episode_that_ended_before_its_damage_struck_counts_for_nothing() {
-        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0 };
+        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0, filmed: false };
         let fallen = Walk { velocities: vec![1.0; 10], fell: true, ..walk(1, 1.0, 0.0, None) };
         let walks = |after: f64, suspected| Walks {
             episodes: vec![walk(1, 1.0, after, suspected), fallen.clone()],

@@ -46,11 +46,11 @@ mod tests {
         let walk = Walk {
             class: 1,
             velocities: vec![1.0, 0.5, 0.25],
-            fell: false,
             events: vec![
                 event(1, EventKind::Diagnosed { class: 1, confidence: 0.875, accepted: true }),
                 event(1, EventKind::Adapted { class: 1 }),
             ],
+            ..Walk::default()
         };
         let vocabulary = Vocabulary {
             names: ["healthy", "leg off"].map(ToOwned::to_owned).to_vec(),

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, Vocabulary, trace};
 use dappo_learn::config::{Config, Layers};
-use dappo_learn::controller::{Controller, ControllerConfig};
+use dappo_learn::controller::ControllerConfig;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Ppo, Result};
@@ -15,6 +15,7 @@ use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::AdaptArgs;
+use super::film::{self, Film, Walker};
 use super::{INTERRUPTED, console, policy, settings, signals};
 use crate::controller::{self, Parts};
 use crate::errors::from_learn;
@@ -35,6 +36,9 @@ struct Scene {
 pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
     let wanted = controller::settings(&arguments.trigger, &arguments.controller)
         .map_err(|error| from_learn(&error))?;
+    if let Some(path) = &arguments.video {
+        film::check(py, path)?;
+    }
     let scene = Scene::open(py, arguments)?;
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
     let interrupted = signals::watch()?;
@@ -52,6 +56,11 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
         );
     } else {
         show::show(&summary, &contest, &trial, &scene.vocabulary.known_names);
+    }
+    // Last, so that nothing is lost where nothing can be drawn.
+    if let (Some(path), Some(walk)) = (&arguments.video, contest.adapted.episodes.first()) {
+        let film = Film { walk, onset: trial.onset, walker: Walker::Controller, factory: &scene.real };
+        film.write(py, path)?;
     }
     Ok(0)
 }
@@ -89,6 +98,7 @@ impl Scene {
             episodes: arguments.episodes as usize,
             onset: arguments.at as usize,
             seed: arguments.seed as u64,
+            filmed: arguments.video.is_some(),
         })
     }
 
@@ -101,11 +111,9 @@ impl Scene {
         interrupted: &AtomicBool,
     ) -> Result<Option<Contest>> {
         let parts = Parts { expert: arguments.expert.as_deref(), diagnoser: &arguments.diagnoser };
-        let skills = parts.load(&self.folder, &self.config, &self.known)?;
-        let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
         let robots = trial.classes.len() * trial.episodes;
-        let twins = self.known.backend(robots, None, self.config.evaluation.precision)?;
-        let mut controller = Controller::new(skills, wanted, twins)?;
+        let mut controller = parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
+        let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
         let stop = || interrupted.load(Ordering::Relaxed);
         let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, &self.config, &self.real, &stop);
         let Some(adapted) = run(Pilot::Controller(&mut controller))? else { return Ok(None) };

@@ -50,6 +50,9 @@ pub struct AdaptArgs {
     /// Write the first episode step by step, as CSV
     #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
     pub log: Option<PathBuf>,
+    /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
+    #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
+    pub video: Option<PathBuf>,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,

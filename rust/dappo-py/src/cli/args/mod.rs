@@ -2,6 +2,7 @@
 
 mod adapt;
 mod diagnose;
+mod render;
 
 use std::path::PathBuf;
 
@@ -12,6 +13,7 @@ pub use adapt::AdaptArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
+pub use render::{RenderArgs, WalkArgs};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -33,6 +35,10 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Let damage strike in mid-walk, and see how a controller finds out and walks on
     Adapt(Box<AdaptArgs>),
+    /// Draw a walk into a video, an animation or a picture
+    Render(RenderArgs),
+    /// Show a walk in a window, again and again
+    View(WalkArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run
