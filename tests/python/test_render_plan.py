@@ -47,8 +47,10 @@ def test_the_caption_says_what_the_controller_believes_in_every_state() -> None:
         diagnosed(7, 1, 0.31, accepted=False),
         event(8, "readings_lost", faults=3),
         event(9, "readings_back"),
+        event(10, "withdrawn", **{"class": 2}, residual=0.4, healthy=0.2),
+        event(10, "adapted", **{"class": 0}),
     ]
-    assert beliefs(events, NAMES, 10) == [
+    assert beliefs(events, NAMES, 11) == [
         *(["healthy"] * 2),
         *(["examining …"] * 2),
         *(["diagnosis: missing_toe@0 (97 %)"] * 2),
@@ -56,6 +58,7 @@ def test_the_caption_says_what_the_controller_believes_in_every_state() -> None:
         "not sure: jammed_joint@0 (31 %)",
         "not sure: jammed_joint@0 (31 %), readings lost",
         "not sure: jammed_joint@0 (31 %)",
+        "not missing_toe@0: taken for healthy",
     ]
 
 

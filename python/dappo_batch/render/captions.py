@@ -33,7 +33,7 @@ def captions(walk: Walk) -> list[Caption]:
     believed = (
         [walk.note] * count
         if walk.events is None
-        else [f"controller: {belief}" for belief in beliefs(walk.events, names, count)]
+        else [f"controller: {belief}" for belief in beliefs(walk.events, walk.known_names or names, count)]
     )
     return [
         Caption(
@@ -54,7 +54,7 @@ def beliefs(events: Sequence[Mapping[str, Any]], names: Sequence[str], count: in
     events
         What it did, in the order of steps; an event of step t is decided upon in state t.
     names
-        Names of the damage classes.
+        Names of the damage classes that it knows.
     count
         Number of states.
     """
@@ -69,6 +69,8 @@ def beliefs(events: Sequence[Mapping[str, Any]], names: Sequence[str], count: in
                 case "diagnosed":
                     word = "diagnosis" if event["accepted"] else "not sure"
                     believed = f"{word}: {names[event['class']]} ({100 * event['confidence']:.0f} %)"
+                case "withdrawn":
+                    believed = f"not {names[event['class']]}: taken for healthy"
                 case "readings_lost" | "readings_back":
                     lost = event["event"] == "readings_lost"
         said.append(f"{believed}, readings lost" if lost else believed)

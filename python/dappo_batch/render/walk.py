@@ -34,6 +34,8 @@ class Walk:
         Velocity along +x in every step, m/s, [T].
     events : sequence of mapping, optional
         What a `Controller` did, its ``events`` of this robot, counted from the first state on.
+    known_names : sequence of str, optional
+        Names of the damage classes that the controller knows; those of `table` if left out.
     note : str
         What to say about who walks, where there is no controller.
 
@@ -51,6 +53,7 @@ class Walk:
     onset: int = 0
     forward_velocity: ArrayLike | None = None
     events: Sequence[Mapping[str, Any]] | None = None
+    known_names: Sequence[str] | None = None
     note: str = ""
 
     def __post_init__(self) -> None:

@@ -264,7 +264,7 @@ mod tests {
             codes: vec![vec![0.0]; 2],
             known_names: ["healthy", "jammed", "missing"].map(ToOwned::to_owned).to_vec(),
         };
-        let trial = Trial { classes: vec![1], episodes: 3, onset: 10, seed: 0 };
+        let trial = Trial { classes: vec![1], episodes: 3, onset: 10, seed: 0, filmed: false };
         let summary = Summary::new(&trial, &vocabulary, &contest).unwrap();
         let class = &summary.classes[0];
         assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));

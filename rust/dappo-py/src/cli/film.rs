@@ -12,8 +12,8 @@ use crate::factory::{TableFactory, to_python};
 
 /// Who walks, as far as the captions say so.
 pub enum Walker {
-    /// A controller, whose events tell what it believes.
-    Controller,
+    /// A controller, whose events tell what it believes, and the names of the damage classes that it knows.
+    Controller(Vec<String>),
     /// A policy; the text says what it knows.
     Policy(&'static str),
 }
@@ -63,8 +63,11 @@ impl Film<'_> {
         about.set_item("damage", self.walk.class)?;
         about.set_item("onset", self.onset)?;
         about.set_item("forward_velocity", PyArray1::from_slice(py, &self.walk.velocities))?;
-        match self.walker {
-            Walker::Controller => about.set_item("events", to_python(py, &self.walk.events)?)?,
+        match &self.walker {
+            Walker::Controller(known_names) => {
+                about.set_item("events", to_python(py, &self.walk.events)?)?;
+                about.set_item("known_names", known_names)?;
+            }
             Walker::Policy(note) => about.set_item("note", note)?,
         }
         render(py)?.getattr("Walk")?.call((self.factory.table(py), qpos), Some(&about))

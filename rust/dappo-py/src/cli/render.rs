@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_learn::Result;
-use dappo_learn::adapt::{Pilot, Trial, Walks};
+use dappo_learn::adapt::{Pilot, Trial, Vocabulary, Walks};
 use dappo_learn::config::Config;
 use dappo_learn::controller::ControllerConfig;
 use dappo_learn::envs::EnvFactory;
@@ -67,11 +67,13 @@ fn walk(
     if let Some(diagnoser) = &arguments.diagnoser {
         let parts = Parts { expert: arguments.expert.as_deref(), diagnoser };
         let mut controller = parts.assemble(folder, config, factory, ControllerConfig::default(), 1)?;
-        return Ok(run(Pilot::Controller(&mut controller))?.map(|walks| (walks, Walker::Controller)));
+        let walker = Walker::Controller(controller.class_names().to_vec());
+        return Ok(run(Pilot::Controller(&mut controller))?.map(|walks| (walks, walker)));
     }
     let policy = policy::load(folder, config, factory)?.ppo;
+    let vocabulary = Vocabulary::new(factory.space(), factory.space());
     let (pilot, walker) = if policy.normalizer().code_length() > 0 {
-        (Pilot::Oracle(&policy), Walker::Policy("the policy is told at once"))
+        (Pilot::Oracle(&policy, &vocabulary), Walker::Policy("the policy is told at once"))
     } else {
         (Pilot::Unaware(&policy), Walker::Policy("the policy is not told"))
     };

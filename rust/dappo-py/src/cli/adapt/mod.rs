@@ -59,7 +59,8 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
     }
     // Last, so that nothing is lost where nothing can be drawn.
     if let (Some(path), Some(walk)) = (&arguments.video, contest.adapted.episodes.first()) {
-        let film = Film { walk, onset: trial.onset, walker: Walker::Controller, factory: &scene.real };
+        let walker = Walker::Controller(scene.vocabulary.known_names.clone());
+        let film = Film { walk, onset: trial.onset, walker, factory: &scene.real };
         film.write(py, path)?;
     }
     Ok(0)
