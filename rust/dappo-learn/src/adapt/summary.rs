@@ -132,7 +132,8 @@ impl Summary {
                         unadapted,unaware\n"
             .to_owned();
         for c in &self.classes {
-            let optional = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            let steps = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            let reward = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
@@ -143,7 +144,7 @@ impl Summary {
                 c.ended_before,
                 c.false_alarms,
                 c.detected,
-                optional(c.median_delay),
+                steps(c.median_delay),
                 c.right_at_first,
                 c.right_at_last,
                 c.told
@@ -153,13 +154,13 @@ impl Summary {
                     .join("; "),
                 c.examinations,
                 c.recovered,
-                optional(c.median_recovery),
+                steps(c.median_recovery),
                 c.falls,
                 c.velocity_before,
                 c.adapted,
-                optional(c.oracle),
+                reward(c.oracle),
                 c.unadapted,
-                optional(c.unaware)
+                reward(c.unaware)
             );
         }
         text
