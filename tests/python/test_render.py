@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 from pathlib import Path
 
 import av
@@ -14,7 +16,7 @@ import dappo_batch
 from dappo_batch import render
 from dappo_batch.render import RenderError, Walk
 
-from .command_line import TINY, dappo_batch_many
+from .command_line import TINY, dappo_batch_many, start
 from .command_line import dappo_batch as run
 
 ONSET, STEPS = 4, 9
@@ -85,9 +87,9 @@ def test_limbs_are_red_from_the_step_on_in_which_the_damage_strikes(
     run("render", parts / robot, *walk, "--backend", name, "--out", path)
     film = decoded(path)
     assert film[-1][1].shape == (360, 480, 3)
-    for time, picture in film:
-        struck = time >= ONSET * step_seconds - 1e-6
-        assert (red(picture) > 50) == struck, time
+    for shown, picture in film:
+        struck = shown >= ONSET * step_seconds - 1e-6
+        assert (red(picture) > 50) == struck, shown
 
 
 @pytest.mark.usefixtures("opengl")
@@ -135,6 +137,22 @@ def test_where_nothing_can_be_drawn_the_numbers_are_printed_and_written_first(
     assert log.read_text().startswith("step,")
     assert "error: pictures need OpenGL, and none works here (disable:" in err
     assert [file.name for file in tmp_path.iterdir()] == ["trace.csv"]
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_drawing_at_once_and_leaves_no_half_of_a_file(
+    number: signal.Signals, parts: Path, tmp_path: Path
+) -> None:
+    process = start("render", parts / "ant", "--steps", "300", "--out", tmp_path / "walk.mp4")
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and process.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_used_is_refused_before_the_walk(parts: Path, tmp_path: Path) -> None:
