@@ -105,7 +105,7 @@ impl Scene {
         interrupted: &AtomicBool,
     ) -> Result<Option<Contest>> {
         let parts = Parts { expert: arguments.expert.as_deref(), diagnoser: &arguments.diagnoser };
-        let skills = parts.load(&self.folder, &self.config, &self.known)?;
+        let (skills, _) = parts.load(&self.folder, &self.config, &self.known)?;
         let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
         let robots = trial.classes.len() * trial.episodes;
         let twins = self.known.backend(robots, None, self.config.evaluation.precision)?;

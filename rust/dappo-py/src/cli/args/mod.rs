@@ -2,6 +2,7 @@
 
 mod adapt;
 mod diagnose;
+mod export;
 
 use std::path::PathBuf;
 
@@ -12,6 +13,7 @@ pub use adapt::AdaptArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
+pub use export::ExportArgs;
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -33,6 +35,8 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Let damage strike in mid-walk, and see how a controller finds out and walks on
     Adapt(Box<AdaptArgs>),
+    /// Write all that a controller needs into one folder, with its networks as ONNX
+    Export(ExportArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run
