@@ -158,6 +158,17 @@ def test_policies_in_onnx_and_tensors_act_as_the_originals(exports: Path, kind: 
     np.testing.assert_array_equal(action, np.clip(mean_action, -1, 1))
 
 
+def test_actions_in_onnx_end_at_their_bounds(exports: Path, tmp_path: Path) -> None:
+    model = onnx.load(exports / "B" / "policy.onnx")
+    bias = next(entry for entry in model.graph.initializer if entry.name == "layers.1.bias")
+    shift = np.linspace(-3, 3, ACTIONS, dtype="f4")
+    bias.CopyFrom(onnx.numpy_helper.from_array(shift, bias.name))
+    onnx.save(model, tmp_path / "shifted.onnx")
+    action, mean_action = onnx_outputs(tmp_path / "shifted.onnx", np.zeros((1, OBS + CODE), "f4"))
+    assert abs(mean_action).max() > 2
+    np.testing.assert_array_equal(action, np.clip(mean_action, -1, 1))
+
+
 @pytest.mark.parametrize("kind", ["A", "B", "D", "limbs"])
 def test_diagnosers_in_onnx_and_tensors_are_as_certain_as_the_originals(exports: Path, kind: str) -> None:
     folder, rng = exports / kind, np.random.default_rng(1)
