@@ -17,32 +17,11 @@ import dappo_batch
 from dappo_batch import Controller
 
 from .command_line import dappo_batch as run
-from .command_line import dappo_batch_many
 
-SIZES = (
-    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]"),
-    *("damage.max_damaged_limbs=1", "evaluation.episodes=1", "env.max_episode_steps=200"),
-)
 CLASSES = 9
 ONSET = 60
 EPISODES = 6
 Record = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
-    root = tmp_path_factory.mktemp("controller")
-    windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
-    network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
-    done = dappo_batch_many(
-        ("train", *SIZES, "--steps", "196608", "--run", root / "aware"),
-        ("train", *SIZES, "--healthy", "--steps", "8192", "--run", root / "expert"),
-        ("diagnose", "collect", root / "aware", *windows, "--rollouts", "300", "--out", root / "pairs"),
-        ("diagnose", "train", root / "pairs", "--out", root / "diagnoser", "--set", *network),
-    )
-    assert [code for code, _, _ in done] == [0] * len(done), done
-    return root
 
 
 def equipment(parts: Path) -> tuple[str | Path, ...]:

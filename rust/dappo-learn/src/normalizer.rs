@@ -108,6 +108,12 @@ impl Normalizer {
         self.code_length
     }
 
+    /// What the entries of the damage code are multiplied by.
+    #[must_use]
+    pub fn code_scale(&self) -> f32 {
+        self.code_scale
+    }
+
     /// Rows seen so far.
     #[must_use]
     pub fn count(&self) -> u64 {

@@ -5,6 +5,7 @@ mod cli;
 mod controller;
 mod damage;
 mod errors;
+mod exported_networks;
 mod factory;
 mod lane_worlds;
 mod model_reader;
@@ -22,6 +23,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<vector_env::PyVectorEnv>()?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<policy::PyPolicy>()?;
+    module.add_class::<exported_networks::PyExportedNetworks>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     Ok(())

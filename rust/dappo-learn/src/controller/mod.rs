@@ -37,8 +37,7 @@ pub struct Controller {
     config: ControllerConfig,
     /// Damage codes of all classes, `[C, code_length]`.
     codes: Vec<Vec<f32>>,
-    /// 1 / standard deviation of every position and velocity in training, 0 of all other entries of an observation:
-    /// contact forces jump, so that the least noise of a sensor would pass for damage. `[O]`
+    /// What the difference between robot and twin is multiplied by, see [`Skills::compared`], `[O]`.
     scale: Vec<f32>,
     robots: Vec<Robot>,
     /// Observations with the last finite value where a sensor has failed, `[N, O]`.
@@ -57,9 +56,7 @@ impl Controller {
         let robots = twins.num_envs();
         let (obs_dim, action_dim) = (twins.task().obs_dim(), twins.task().layout().nu);
         let codes = &skills.diagnoser.description().subject.codes;
-        let scale = skills.policy.normalizer().scale();
-        let compared = scale.into_iter().zip(twins.task().shows_state());
-        let scale = compared.map(|(scale, is_state)| if is_state { scale } else { 0.0 }).collect();
+        let scale = skills.compared(twins.task());
         let mut twins = Fleet::new(twins);
         twins
             .reset(&(0..robots).map(|env| Reset { env, class: 0, key: 0, episode: 0 }).collect::<Vec<_>>())?;

@@ -6,6 +6,7 @@ mod classes;
 mod console;
 mod diagnose;
 mod evaluate;
+mod export;
 mod film;
 pub mod policy;
 mod progress;
@@ -43,6 +44,7 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
         Command::Evaluate(arguments) => evaluate::run(py, arguments),
         Command::Diagnose(arguments) => diagnose::run(py, arguments),
         Command::Adapt(arguments) => adapt::run(py, arguments),
+        Command::Export(arguments) => export::run(py, arguments),
         Command::Render(arguments) => render::run(py, arguments),
         Command::View(arguments) => render::view(py, arguments),
         Command::Classes(arguments) => classes::run(py, arguments),

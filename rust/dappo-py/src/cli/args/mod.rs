@@ -2,6 +2,7 @@
 
 mod adapt;
 mod diagnose;
+mod export;
 mod render;
 
 use std::path::PathBuf;
@@ -13,6 +14,7 @@ pub use adapt::AdaptArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
+pub use export::ExportArgs;
 pub use render::{RenderArgs, WalkArgs};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
@@ -35,6 +37,8 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Let damage strike in mid-walk, and see how a controller finds out and walks on
     Adapt(Box<AdaptArgs>),
+    /// Write all that a controller needs into one folder, with its networks as ONNX
+    Export(ExportArgs),
     /// Draw a walk into a video, an animation or a picture
     Render(RenderArgs),
     /// Show a walk in a window, again and again
