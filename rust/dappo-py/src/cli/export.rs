@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 
 use super::args::ExportArgs;
 use super::console;
-use crate::controller::{self, Parts};
+use crate::controller;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 
@@ -25,14 +25,13 @@ struct RobotFiles {
 }
 
 pub fn run(py: Python<'_>, arguments: &ExportArgs) -> PyResult<i32> {
-    let wanted = controller::settings(&arguments.trigger, &arguments.controller)
-        .map_err(|error| from_learn(&error))?;
+    let wanted = arguments.controller.config().map_err(|error| from_learn(&error))?;
     Staged::check(&arguments.out).map_err(|error| from_learn(&error))?;
     let (folder, config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
     let factory = TableFactory::compile(py, &config)?;
     let files = RobotFiles::read(py, &factory)?;
     let staged = py.detach(|| {
-        let parts = Parts { expert: arguments.expert.as_deref(), diagnoser: &arguments.diagnoser };
+        let parts = arguments.controller.parts();
         let (skills, sources) = parts.load(&folder, &config, &factory)?;
         stage(&arguments.out, &skills, sources, &wanted, (&config, &factory), files)
     });

@@ -17,7 +17,6 @@ use serde_json::json;
 use super::args::AdaptArgs;
 use super::film::{self, Film, Walker};
 use super::{INTERRUPTED, console, policy, settings, signals};
-use crate::controller::{self, Parts};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
@@ -34,8 +33,7 @@ struct Scene {
 }
 
 pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
-    let wanted = controller::settings(&arguments.trigger, &arguments.controller)
-        .map_err(|error| from_learn(&error))?;
+    let wanted = arguments.controller.config().map_err(|error| from_learn(&error))?;
     if let Some(path) = &arguments.video {
         film::check(py, path)?;
     }
@@ -111,7 +109,7 @@ impl Scene {
         trial: &Trial,
         interrupted: &AtomicBool,
     ) -> Result<Option<Contest>> {
-        let parts = Parts { expert: arguments.expert.as_deref(), diagnoser: &arguments.diagnoser };
+        let parts = arguments.controller.parts();
         let robots = trial.classes.len() * trial.episodes;
         let mut controller = parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
         let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;

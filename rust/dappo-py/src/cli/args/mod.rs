@@ -1,6 +1,7 @@
 //! The arguments of every command.
 
 mod adapt;
+mod controller;
 mod diagnose;
 mod export;
 mod render;
@@ -11,6 +12,7 @@ use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
 
 pub use adapt::AdaptArgs;
+pub use controller::ControllerArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
