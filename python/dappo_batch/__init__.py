@@ -19,6 +19,7 @@ from dappo_batch._core import (
 from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.controller import Controller
 from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
+from dappo_batch.policy import Policy
 from dappo_batch.robots import ROBOTS, Robot, load_robot
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "DamageSpace",
     "DamageVectorEnv",
     "DappoError",
+    "Policy",
     "Robot",
     "ShapeError",
     "SimulationError",

@@ -65,6 +65,34 @@ class Controller:
         )
         self._events: list[Event] = []
 
+    @classmethod
+    def from_export(cls, folder: str | PathLike[str], *, num_robots: int = 1) -> Controller:
+        """Make a controller from the one folder that ``dappo-batch export`` wrote.
+
+        It acts to the bit as the controller that was exported, with the settings it was exported with.
+
+        Parameters
+        ----------
+        folder
+            The export folder.
+        num_robots
+            Number of robots, N.
+
+        Returns
+        -------
+        Controller
+            The controller; all robots are taken for healthy.
+
+        Raises
+        ------
+        CheckpointError
+            If the folder is no export, or a file of it has changed.
+        """
+        controller = cls.__new__(cls)
+        controller._core = _core.Controller.from_export(Path(fspath(folder)), num_robots=num_robots)
+        controller._events = []
+        return controller
+
     @property
     def num_robots(self) -> int:
         """Number of robots, N."""
@@ -94,7 +122,8 @@ class Controller:
     def events(self) -> list[Event]:
         """All that has happened, in order.
 
-        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``readings_lost`` and ``readings_back``.
+        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``readings_lost`` and
+        ``readings_back``.
         """
         return self._events
 

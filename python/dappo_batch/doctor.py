@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import ctypes
 import ctypes.util
-import importlib
 import importlib.metadata
 import json
 import os
@@ -28,6 +27,7 @@ from dappo_batch.bench.machine import cores, cpu_flags, cpu_name
 from dappo_batch.class_table import compile_class_table
 from dappo_batch.envs import make_vec
 from dappo_batch.envs.simulation import Backend
+from dappo_batch.render import film, opengl
 
 __all__ = ["Check", "diagnose", "main"]
 
@@ -48,10 +48,7 @@ print("brightest pixel", int(renderer.render().max()), flush=True)
 import os
 os._exit(0)
 """
-_RENDERERS = {
-    "egl": "apt-get install libegl1 libgl1-mesa-dri",
-    "osmesa": "apt-get install libosmesa6",
-}
+_RENDERERS = opengl.INSTALL
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,8 @@ class _Extra:
 
 _BACKENDS: tuple[Backend, ...] = ("mujoco", "lanes")
 _EXTRAS = (
-    _Extra("imageio", "videos and pictures", "pip install imageio"),
-    _Extra("imageio-ffmpeg", "videos as mp4", "pip install imageio-ffmpeg"),
+    _Extra("pillow", "pictures, animations and captions", "pip install pillow"),
+    _Extra("av", "videos as mp4", "pip install av"),
     _Extra("matplotlib", "figures in reports", "pip install matplotlib"),
     _Extra("tensorboard", "watching a training run", "pip install tensorboard"),
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
@@ -222,15 +219,20 @@ def _renderer(name: str) -> Check:
     return Check(name, "missing", reason, cure)
 
 
-def _ffmpeg() -> Check:
-    path = shutil.which("ffmpeg")
-    if path is not None:
-        return Check("ffmpeg", "ok", path)
-    try:
-        bundled = importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
-        return Check("ffmpeg", "ok", f"{bundled} (of imageio-ffmpeg)")
-    except (ImportError, RuntimeError):
-        return Check("ffmpeg", "missing", "no program that writes mp4", "pip install imageio-ffmpeg")
+def _rendering() -> list[Check]:
+    """Look at every OpenGL that needs no screen, and conclude whether films can be made."""
+    renderers = [_renderer(name) for name in _RENDERERS]
+    return [*renderers, _films([check.name for check in renderers if check.status == "ok"])]
+
+
+def _films(working: Sequence[str]) -> Check:
+    if missing := film.lacking():
+        return Check("films", "missing", f"not installed: {', '.join(missing)}", film.INSTALL)
+    chosen = next((name for name in opengl.choices() if name in working), None)
+    if chosen is None:
+        advice = " or ".join(_RENDERERS.values())
+        return Check("films", "missing", "none of these OpenGLs works, or MUJOCO_GL names another", advice)
+    return Check("films", "ok", f"`dappo-batch render` draws with {chosen}; mp4, GIF and PNG")
 
 
 def _extra(extra: _Extra) -> Check:
@@ -257,7 +259,7 @@ def diagnose(*, rendering: bool = True) -> dict[str, Any]:
     groups = {
         "core": _core_checks(),
         "devices": [_gpu(), _warp()],
-        "rendering": [*map(_renderer, _RENDERERS), _ffmpeg()] if rendering else [],
+        "rendering": _rendering() if rendering else [],
         "extras": [_extra(extra) for extra in _EXTRAS],
     }
     checks = [check for group in groups.values() for check in group]

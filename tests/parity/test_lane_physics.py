@@ -33,6 +33,16 @@ def test_forces_equal_mujocos_up_to_rounding(table: ClassTable, kind: str) -> No
         assert relative_error(touch, expected.sensordata) < tolerance
 
 
+def test_weak_motors_have_mujocos_forces(table: ClassTable) -> None:
+    weak = compile_class_table(table.robot, types=["weak_motor"])
+    classes, states, expected = of_all_classes(weak, "rollout", STATES_A_CLASS)
+    qacc, _, _ = LaneWorlds(weak, classes, precision="f64").forward(*states)
+    assert relative_error(qacc, expected.qacc) < 1e-10
+    # The damage is in these numbers: healthy motors would do something else.
+    healthy, _, _ = LaneWorlds(weak, np.zeros_like(classes), precision="f64").forward(*states)
+    assert relative_error(healthy[classes > 0], expected.qacc[classes > 0]) > 1e-3
+
+
 @pytest.mark.parametrize("physics", [None, "rk4", "euler"])
 def test_trajectories_follow_mujocos(table: ClassTable, physics: str | None) -> None:
     if physics is not None:

@@ -14,6 +14,13 @@ import pytest
 import dappo_batch
 from dappo_batch import ClassTable
 
+from .command_line import dappo_batch_many
+
+CONTROLLER_SIZES = (
+    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]"),
+    *("damage.max_damaged_limbs=1", "evaluation.episodes=1", "env.max_episode_steps=200"),
+)
+
 
 @pytest.fixture(params=["lanes", "mujoco"])
 def backend(request: pytest.FixtureRequest) -> str:
@@ -35,6 +42,22 @@ def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassT
         robot.write_text(text)
         tables[name] = dappo_batch.compile_class_table(robot)
     return tables
+
+
+@pytest.fixture(scope="session")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
+    root = tmp_path_factory.mktemp("controller")
+    windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
+    network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
+    done = dappo_batch_many(
+        ("train", *CONTROLLER_SIZES, "--steps", "196608", "--run", root / "aware"),
+        ("train", *CONTROLLER_SIZES, "--healthy", "--steps", "8192", "--run", root / "expert"),
+        ("diagnose", "collect", root / "aware", *windows, "--rollouts", "300", "--out", root / "pairs"),
+        ("diagnose", "train", root / "pairs", "--out", root / "diagnoser", "--set", *network),
+    )
+    assert [code for code, _, _ in done] == [0] * len(done), done
+    return root
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import resource
 import subprocess
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 
 import dappo_batch as package
 
-from .burnpack import read_burnpack
 from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
+from .numpy_policy import mean_actions
 
 CLASSES = 9
 STEPS = 6
@@ -55,26 +54,6 @@ def records(folder: Path) -> Array:
     return np.concatenate([np.load(path, mmap_mode="r") for path in sorted(folder.glob("*.npy"))])
 
 
-def expert_actions(run: Path, obs: Array) -> Array:
-    """Compute the expert's mean actions with NumPy, for robots that it takes for healthy."""
-    checkpoint = sorted((run / "checkpoints").iterdir())[-1]
-    normalizer = tomllib.loads((checkpoint / "learner.toml").read_text())["normalizer"]
-    mean = np.array(normalizer["mean"])
-    variance = np.array(normalizer["squares"]) / normalizer["count"]
-    tensors = read_burnpack(checkpoint / "policy.bpk")
-    layer = [
-        {
-            name: np.frombuffer(tensors[key][2], np.float32).reshape(tensors[key][1]).astype(np.float64)
-            for name, key in ((name, f"mean.layers.{index}.{name}") for name in ("weight", "bias"))
-        }
-        for index in range(2)
-    ]
-    scaled = np.clip((obs - mean) / np.sqrt(variance + 1e-8), -10, 10)
-    # The damage code of a healthy robot is zero, and so is its share in the first layer.
-    hidden = np.tanh(scaled @ layer[0]["weight"][: len(mean)] + layer[0]["bias"])
-    return np.asarray(hidden @ layer[1]["weight"] + layer[1]["bias"])
-
-
 def plain_mujoco_step(model: mujoco.MjModel, obs: Array, action: Array) -> Array:
     """One env step of an Ant from the state that an observation shows; return positions and velocities."""
     data = mujoco.MjData(model)
@@ -94,8 +73,8 @@ def test_every_row_follows_from_the_one_before_by_the_expert_and_plain_mujoco(
     checked = 0
     for robot, actions, twin in zip(data["damaged"], data["actions"], twins, strict=True):
         # Actions are the expert's on the robot's own observation of the step before.
-        np.testing.assert_allclose(actions[:, 1:], expert_actions(expert, robot[:, :-1]), atol=1e-5)
-        own = expert_actions(expert, twin[:, :-1])
+        np.testing.assert_allclose(actions[:, 1:], mean_actions(expert, robot[:, :-1]), atol=1e-5)
+        own = mean_actions(expert, twin[:, :-1])
         for number, model in enumerate(models):
             for step in range(1, STEPS):
                 before, action = robot[number, step - 1], actions[number, step]

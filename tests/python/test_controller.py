@@ -17,32 +17,11 @@ import dappo_batch
 from dappo_batch import Controller
 
 from .command_line import dappo_batch as run
-from .command_line import dappo_batch_many
 
-SIZES = (
-    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]"),
-    *("damage.max_damaged_limbs=1", "evaluation.episodes=1", "env.max_episode_steps=200"),
-)
 CLASSES = 9
 ONSET = 60
 EPISODES = 6
 Record = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
-    root = tmp_path_factory.mktemp("controller")
-    windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
-    network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
-    done = dappo_batch_many(
-        ("train", *SIZES, "--steps", "196608", "--run", root / "aware"),
-        ("train", *SIZES, "--healthy", "--steps", "8192", "--run", root / "expert"),
-        ("diagnose", "collect", root / "aware", *windows, "--rollouts", "300", "--out", root / "pairs"),
-        ("diagnose", "train", root / "pairs", "--out", root / "diagnoser", "--set", *network),
-    )
-    assert [code for code, _, _ in done] == [0] * len(done), done
-    return root
 
 
 def equipment(parts: Path) -> tuple[str | Path, ...]:
@@ -263,16 +242,17 @@ def test_another_damage_and_its_repair_are_noticed_as_the_first_one_was(parts: P
 
 
 def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Path) -> None:
-    controller, robots = make(parts), Robots(["healthy"])
+    controller, robots = make(parts, EPISODES), Robots(["healthy"] * EPISODES)
     robots.walk(controller, ONSET)
-    robots.become(["missing_toe@1"])
-    while not controller.events:
+    robots.become(["missing_toe@1"] * EPISODES)
+    while len(kinds(controller)) == 0:
         robots.walk(controller, 1)
     robots.walk(controller, 15)
-    robots.become(["jammed_joint@2"])
+    robots.become(["jammed_joint@2"] * EPISODES)
     # What is named after a window of two damages may be wrong, but it does not last.
     robots.walk(controller, 350)
-    assert told(controller) == ["jammed_joint@2"]
+    # A robot that lies still hardly shows a jammed joint.
+    assert told(controller).count("jammed_joint@2") > EPISODES / 2
 
 
 def test_a_diagnosis_without_confidence_is_not_believed(parts: Path) -> None:
@@ -340,3 +320,46 @@ def test_a_damage_that_the_controller_does_not_know_is_mapped_to_one_that_it_doe
     names = make(parts).class_names
     first = [next(e for e in events if e["event"] == "diagnosed") for events in result["events"]]
     assert {names[event["class"]] for event in first} <= set(names)
+
+
+def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts: Path) -> None:
+    dead = ("--set", 'damage.types=["weak_motor", "missing_toe"]', "damage.options.weak_motor.strength=0.0")
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead, "--json")
+    summary = json.loads(out)["summary"]
+    (outcome,) = summary["classes"]
+    assert outcome["name"] == "weak_motor@1"
+    assert outcome["detected"] == outcome["episodes"] > 0
+    assert outcome["right_at_first"] == outcome["right_at_last"] == 0
+    assert outcome["oracle"] is summary["recovered_share"] is outcome["median_recovery"] is None
+    assert {entry["name"] for entry in outcome["told"]} <= set(make(parts).class_names)
+    assert sum(entry["episodes"] for entry in outcome["told"]) == outcome["episodes"]
+    # The diagnoser names a class nevertheless, and the twin with its damage shows that it is none of them.
+    events = [event for episode in json.loads(out)["events"] for event in episode]
+    withdrawn = [event for event in events if event["event"] == "withdrawn"]
+    assert withdrawn
+    for event in withdrawn:
+        assert event["class"] > 0
+        assert event["residual"] >= event["healthy"]
+        assert {"robot": event["robot"], "step": event["step"], "event": "adapted", "class": 0} in events
+    believing = (*dead, "--controller", "probation=0", "--json")
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *believing)
+    assert not [e for episode in json.loads(out)["events"] for e in episode if e["event"] == "withdrawn"]
+    out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead)
+    assert "told in the end, with episodes: " in out
+    assert "oracle" not in out
+
+
+def test_a_known_damage_keeps_its_oracle_among_unknown_ones(parts: Path, trial: Record) -> None:
+    """Its class has another number in the robot's table than in the policy's."""
+    other = ("--set", 'damage.types=["weak_motor", "missing_toe"]')
+    out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET), *other, "--json")
+    (outcome,) = json.loads(out)["summary"]["classes"]
+    known = next(row for row in trial["classes"] if row["name"] == "missing_toe@3")
+    for key in ("oracle", "unadapted", "adapted", "right_at_first", "right_at_last", "median_recovery"):
+        assert outcome[key] == known[key], key
+
+
+def test_another_robot_than_the_policys_is_refused(parts: Path) -> None:
+    other = ("--damage", "missing_toe@1", "--set", 'robot="hexapod"')
+    _, err = run("adapt", *equipment(parts), *other, code=1)
+    assert "--set makes the robot `hexapod`, but the policy controls `ant`" in err

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from dappo_batch._core import ConfigError
-from dappo_batch.damage import DAMAGE_TYPES, DamageType, JammedJoint, MissingToe, make_damage_type
+from dappo_batch.damage import (
+    DAMAGE_TYPES,
+    DamageType,
+    JammedJoint,
+    MissingToe,
+    WeakMotor,
+    make_damage_type,
+)
 from dappo_batch.robots import Limb, Robot, load_robot
 
 TRIPOD = Path(__file__).parent / "robots" / "tripod.toml"
@@ -147,17 +154,61 @@ def test_the_severity_shortens_the_toe_linearly() -> None:
     assert model.geom("right_front_tibia").size[1] == pytest.approx(0.04)
 
 
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("ant", {"actuator_gainprm"}),
+        ("hexapod", {"actuator_gainprm", "actuator_biasprm", "actuator_forcerange"}),
+    ],
+)
+def test_a_weak_motor_gives_a_share_of_the_torque_in_every_state(name: str, fields: set[str]) -> None:
+    robot = load_robot(name)
+    sound, weak = healthy(robot), damaged(robot, WeakMotor(strength=0.5), 1, severity=0.5)
+    # MuJoCo derives the acceleration per unit of force, which muscles alone use.
+    assert numeric_differences(sound, weak) - {"actuator_acc0"} == fields
+    rng = np.random.default_rng(0)
+    own = [
+        actuator
+        for actuator in range(sound.nu)
+        if sound.joint(sound.actuator_trnid[actuator, 0]).name in robot.limbs[1].joints
+    ]
+    share = np.ones(sound.nu)
+    share[own] = 0.75
+    for _ in range(20):
+        ctrl, qpos = rng.uniform(-1, 1, sound.nu), sound.qpos0 + rng.uniform(-0.3, 0.3, sound.nq)
+        qvel = rng.normal(size=sound.nv)
+        forces = []
+        for model in (sound, weak):
+            data = mujoco.MjData(model)
+            data.ctrl[:], data.qpos[:], data.qvel[:] = ctrl, qpos, qvel
+            mujoco.mj_forward(model, data)
+            forces.append(data.qfrc_actuator[6:].copy())
+        of_joint = sound.jnt_dofadr[sound.actuator_trnid[:, 0]] - 6
+        assert forces[1][of_joint] == pytest.approx(share * forces[0][of_joint], rel=1e-12)
+    assert len(own) == len(robot.limbs[1].joints)
+
+
+def test_a_muscle_is_no_motor_that_could_weaken() -> None:
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body name="b"><joint name="j"/><geom name="toe" size="1"/></body></worldbody>'
+        '<actuator><muscle name="biceps" joint="j" lengthrange="0 1"/></actuator></mujoco>'
+    )
+    with pytest.raises(ConfigError, match="actuator biceps has a gain or a bias of another kind"):
+        WeakMotor().apply(spec, Limb(name="only", body="b", joints=("j",), toe_geom="toe"), 1.0)
+
+
 def test_only_the_missing_toe_mutes_the_touch_signal() -> None:
     assert {name: kind.mutes_touch for name, kind in DAMAGE_TYPES.items()} == {
         "jammed_joint": False,
         "missing_toe": True,
+        "weak_motor": False,
     }
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_toe"),
+        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_toe, weak_motor"),
         ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg"),
         ("jammed_joint", {"joint": 0.5}, "joint must be of type int"),
         ("jammed_joint", {"joint": True}, "joint must be of type int"),
@@ -167,6 +218,8 @@ def test_only_the_missing_toe_mutes_the_touch_signal() -> None:
         ("missing_toe", {}, "missing parameters half_length"),
         ("missing_toe", {"half_length": "short"}, "half_length must be of type float"),
         ("missing_toe", {"half_length": -1}, "above 0"),
+        ("weak_motor", {"strength": 1.0}, "below 1"),
+        ("weak_motor", {"strength": math.nan}, "below 1"),
     ],
 )
 def test_a_wrong_damage_type_or_parameter_is_refused(
@@ -210,6 +263,7 @@ def test_damage_that_does_not_fit_the_limb_is_refused(damage: DamageType, messag
             "<frame>",
         ),
         ('<joint name="k"/><geom name="claw" size="1"/>', JammedJoint(), "no joint 'j'"),
+        ('<joint name="j"/><geom name="toe" size="1"/>', WeakMotor(), "no actuator"),
         ('<joint name="k"/><geom name="claw" size="1"/>', MissingToe(0.01), "no geom 'toe'"),
     ],
 )

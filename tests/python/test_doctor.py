@@ -39,7 +39,7 @@ def test_the_doctor_finds_the_core_of_this_installation_working(capsys: pytest.C
     assert mujoco.mj_versionString() in found["core"]["mujoco library"]["detail"]
     assert found["core"]["dappo-batch"]["detail"] == importlib.metadata.version("dappo-batch")
     assert "33 damage classes" in found["core"]["self test"]["detail"]
-    assert {"egl", "osmesa", "ffmpeg"} == set(found["rendering"])
+    assert {"egl", "osmesa", "films"} == set(found["rendering"])
     assert set(found["devices"]) == {"gpu", "warp"}
 
 
@@ -102,6 +102,20 @@ def test_a_renderer_that_hangs_is_missing(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_black_picture_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_RENDER", "print('brightest pixel', 0)")
     assert doctor._renderer("egl").status == "missing"
+
+
+def test_films_need_their_packages_and_one_opengl_that_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor.opengl, "choices", lambda: ["egl", "osmesa"])
+    monkeypatch.setattr(doctor.film, "lacking", list)
+    assert doctor._films(["osmesa"]).status == "ok"
+    assert "osmesa" in doctor._films(["osmesa"]).detail
+    without = doctor._films([])
+    assert without.status == "missing"
+    assert all(cure in without.cure for cure in doctor._RENDERERS.values())
+    monkeypatch.setattr(doctor.film, "lacking", lambda: ["av"])
+    unpacked = doctor._films(["egl"])
+    assert (unpacked.status, unpacked.detail) == ("missing", "not installed: av")
+    assert unpacked.cure == "pip install 'dappo-batch[video]'"
 
 
 def test_without_driver_and_tool_the_gpu_is_missing_and_nothing_crashes(

@@ -9,13 +9,14 @@ from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
 from dappo_batch.damage.jammed_joint import JammedJoint
 from dappo_batch.damage.missing_toe import MissingToe
+from dappo_batch.damage.weak_motor import WeakMotor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["DAMAGE_TYPES", "DamageType", "JammedJoint", "MissingToe", "make_damage_type"]
+__all__ = ["DAMAGE_TYPES", "DamageType", "JammedJoint", "MissingToe", "WeakMotor", "make_damage_type"]
 
-DAMAGE_TYPES: dict[str, type[DamageType]] = {kind.name: kind for kind in (JammedJoint, MissingToe)}
+DAMAGE_TYPES: dict[str, type[DamageType]] = {kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor)}
 """Damage types by name. A program may add its own before it compiles a class table."""
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {

@@ -76,6 +76,14 @@ pub enum LearnError {
         /// What was found and what to do.
         message: String,
     },
+    /// An export folder cannot be read or written.
+    #[error("export {}: {message}", path.display())]
+    Export {
+        /// The folder or file.
+        path: PathBuf,
+        /// What was found and what to do.
+        message: String,
+    },
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {

@@ -11,6 +11,7 @@
 //! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
 //! parallel sums are formed in an order that does not depend on the number of threads.
 
+pub mod actor;
 pub mod adapt;
 pub mod checkpoint;
 pub mod config;
@@ -20,6 +21,7 @@ pub mod envs;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
+pub mod export;
 mod files;
 mod fleet;
 pub mod gae;
@@ -33,6 +35,7 @@ pub mod run_folder;
 mod simulator;
 pub mod train;
 
+pub use actor::Actor;
 pub use error::{LearnError, Result};
 pub use gae::{Targets, gae};
 pub use nn::{ActorCritic, Decision};

@@ -108,7 +108,7 @@ impl Normalizer {
         self.code_length
     }
 
-    /// Factor of the entries of the code.
+    /// What the entries of the damage code are multiplied by.
     #[must_use]
     pub fn code_scale(&self) -> f32 {
         self.code_scale

@@ -123,6 +123,15 @@ impl RunFolder {
         self.metrics().exists()
     }
 
+    /// Version of the program that made the run, as `meta.json` has it.
+    pub fn version(&self) -> Result<String> {
+        let path = self.root.join("meta.json");
+        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let meta: serde_json::Value = serde_json::from_str(&text)
+            .map_err(|error| LearnError::Invalid(format!("{}: {error}", path.display())))?;
+        Ok(meta.get("version").and_then(serde_json::Value::as_str).unwrap_or("unknown").to_owned())
+    }
+
     fn write_meta(&self, meta: &Meta) -> Result<()> {
         let path = self.root.join("meta.json");
         let text =

@@ -2,17 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
+use dappo_learn::Actor;
 use dappo_learn::config::{Config, Layers};
 use dappo_learn::controller::{Controller, ControllerConfig, Skills};
 use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::mean_velocities;
+use dappo_learn::export::{DiagnoserSource, Export, RunSource, Sources};
 use dappo_learn::run_folder::RunFolder;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::cli::policy;
+use crate::cli::policy::{self, LoadedPolicy};
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::vector_env::not_contiguous;
@@ -26,27 +28,79 @@ pub struct Parts<'a> {
 }
 
 impl Parts<'_> {
-    /// Reads all parts; `factory` and `config` are those of the policy's run.
+    /// Reads all parts, and where they come from; `factory` and `config` are those of the policy's run.
     pub fn load(
         &self,
         folder: &RunFolder,
         config: &Config,
         factory: &TableFactory,
-    ) -> dappo_learn::Result<Skills> {
+    ) -> dappo_learn::Result<(Skills, Sources)> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
         let baselines = mean_velocities(&folder.read_evaluation("per_class.csv")?, &names)?;
-        let policy = policy::load(folder, config, factory)?.ppo;
-        let expert = match self.expert {
-            None => policy::load(folder, config, factory)?.ppo,
+        let (policy, policy_source) = load_actor(folder, config, factory)?;
+        let (expert, expert_source) = match self.expert {
+            None => (policy.clone(), None),
             Some(run) => {
                 let (folder, config) = RunFolder::open(run)?;
-                policy::load(&folder, &config, factory)?.ppo
+                let (actor, source) = load_actor(&folder, &config, factory)?;
+                (actor, Some(source))
             }
         };
         let (training, _) = TrainingFolder::open(self.diagnoser)?;
         let diagnoser = Diagnoser::load(&training.model())?;
-        Ok(Skills { policy, expert: Expert::new(expert), diagnoser, baselines })
+        let sources = Sources {
+            policy: policy_source,
+            expert: expert_source,
+            diagnoser: DiagnoserSource {
+                folder: last_name(self.diagnoser),
+                fingerprint: Diagnoser::fingerprint(&training.model())?,
+            },
+        };
+        Ok((Skills { policy, expert: Expert::new(expert), diagnoser, baselines }, sources))
     }
+
+    /// A controller of `robots` robots made of these parts.
+    pub fn assemble(
+        &self,
+        folder: &RunFolder,
+        config: &Config,
+        factory: &TableFactory,
+        wanted: ControllerConfig,
+        robots: usize,
+    ) -> dappo_learn::Result<Controller> {
+        let (skills, _) = self.load(folder, config, factory)?;
+        let twins = factory.backend(robots, None, config.evaluation.compute())?;
+        Controller::new(skills, wanted, twins)
+    }
+}
+
+fn load_actor(
+    folder: &RunFolder,
+    config: &Config,
+    factory: &TableFactory,
+) -> dappo_learn::Result<(Actor, RunSource)> {
+    let LoadedPolicy { ppo, env_steps, fingerprint } = policy::load(folder, config, factory)?;
+    let (run, version) = (last_name(folder.root()), folder.version()?);
+    Ok((Actor::of(&ppo)?, RunSource { run, version, env_steps, fingerprint }))
+}
+
+/// The name of a folder without those above it, which say nothing on another machine.
+fn last_name(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The robot of an export with its damage classes, and its configuration.
+pub fn open_export(py: Python<'_>, export: &Export) -> PyResult<(TableFactory, Config)> {
+    let mut config = export.config().map_err(|error| from_learn(&error))?;
+    // Threads that wait for each other would cost a small fleet more time than they save.
+    config.env.threads = Some(1);
+    let factory = TableFactory::compile(py, &config)?;
+    let found: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
+    if found != export.header().class_names() {
+        let message = "the damage classes of its robot are not those of its policy; export again";
+        return Err(raise(Kind::Checkpoint, message));
+    }
+    Ok((factory, config))
 }
 
 /// The settings of a controller from `KEY=VALUE` texts.
@@ -69,6 +123,12 @@ pub struct PyController {
     action_dim: usize,
 }
 
+impl PyController {
+    fn wrap(controller: Controller) -> Self {
+        Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller }
+    }
+}
+
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 #[pymethods]
 impl PyController {
@@ -89,13 +149,21 @@ impl PyController {
         config.env.threads = Some(1);
         let factory = TableFactory::compile(py, &config)?;
         let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
+        let controller = py.detach(|| parts.assemble(&folder, &config, &factory, wanted, num_robots));
+        Ok(Self::wrap(controller.map_err(|error| from_learn(&error))?))
+    }
+
+    /// A controller from an export folder alone.
+    #[staticmethod]
+    #[pyo3(signature = (folder, *, num_robots=1))]
+    fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize) -> PyResult<Self> {
+        let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
+        let (factory, config) = open_export(py, &export)?;
         let controller = py.detach(|| {
-            let skills = parts.load(&folder, &config, &factory)?;
             let twins = factory.backend(num_robots, None, config.evaluation.compute())?;
-            Controller::new(skills, wanted, twins)
+            Controller::new(export.skills()?, export.header().controller.clone(), twins)
         });
-        let controller = controller.map_err(|error| from_learn(&error))?;
-        Ok(Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller })
+        Ok(Self::wrap(controller.map_err(|error| from_learn(&error))?))
     }
 
     /// Number of robots.

@@ -128,6 +128,7 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         LearnError::Mismatch { .. }
         | LearnError::Checkpoint { .. }
         | LearnError::Dataset { .. }
+        | LearnError::Export { .. }
         | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())

@@ -7,6 +7,7 @@ mod outcome;
 mod pilot;
 mod summary;
 mod trace;
+mod vocabulary;
 
 use std::time::Instant;
 
@@ -18,16 +19,17 @@ use crate::controller::Event;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 
-pub use class::ClassOutcome;
+pub use class::{ClassOutcome, Told};
 pub use outcome::{EpisodeOutcome, RECOVERED};
 pub use pilot::Pilot;
 pub use summary::{DecisionTime, Summary};
 pub use trace::trace;
+pub use vocabulary::Vocabulary;
 
 /// Episodes of some damage classes, all struck at one step.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Trial {
-    /// Damage classes.
+    /// Damage classes of the robots.
     pub classes: Vec<usize>,
     /// Episodes of each class.
     pub episodes: usize,
@@ -35,6 +37,8 @@ pub struct Trial {
     pub onset: usize,
     /// Seed of the initial states.
     pub seed: u64,
+    /// Whether the positions of the first episode are kept, to draw them.
+    pub filmed: bool,
 }
 
 /// How a pilot fared in one episode.
@@ -48,6 +52,8 @@ pub struct Walk {
     pub fell: bool,
     /// What the controller did, if there was one.
     pub events: Vec<Event>,
+    /// Positions before every step and after the last, `[steps + 1, nq]`; empty if nobody films.
+    pub positions: Vec<f64>,
 }
 
 /// How a pilot fared in a trial.
@@ -86,7 +92,7 @@ impl Trial {
         let mut env = factory.make(
             VectorEnvConfig {
                 keys,
-                observe_damage: true,
+                observe_damage: false,
                 autoreset: Autoreset::Disabled,
                 onset: Onset { first: self.onset, last: self.onset },
                 ..factory.env_config(config)?
@@ -120,6 +126,7 @@ impl Trial {
         let mut decision_seconds = Vec::new();
         let mut walks: Vec<Walk> = classes.map(|class| Walk { class, ..Walk::default() }).collect();
         let mut walking = vec![true; walks.len()];
+        self.film(&env, &mut walks)?;
         while walking.contains(&true) {
             if stop() {
                 return Ok(None);
@@ -132,6 +139,9 @@ impl Trial {
                 walks[event.robot].events.push(event);
             }
             env.step(&actions)?;
+            if walking[0] {
+                self.film(&env, &mut walks)?;
+            }
             let buffers = env.buffers();
             for (index, walk) in walks.iter_mut().enumerate() {
                 if !walking[index] {
@@ -143,5 +153,15 @@ impl Trial {
             }
         }
         Ok(Some(Walks { episodes: walks, decision_seconds }))
+    }
+
+    /// Keeps the positions of the first robot.
+    fn film(&self, env: &VectorEnv, walks: &mut [Walk]) -> Result<()> {
+        let (true, Some(walk)) = (self.filmed, walks.first_mut()) else { return Ok(()) };
+        let (robots, layout) = (env.num_envs(), env.backend().task().layout());
+        let (mut qpos, mut qvel) = (vec![0.0; robots * layout.nq], vec![0.0; robots * layout.nv]);
+        env.state(&mut qpos, &mut qvel)?;
+        walk.positions.extend_from_slice(&qpos[..layout.nq]);
+        Ok(())
     }
 }

@@ -15,21 +15,22 @@ pub struct EpisodeOutcome {
     pub false_alarm: bool,
     /// Steps from the damage to the first suspicion.
     pub delay: Option<usize>,
-    /// The class of the first diagnosis after the damage, believed or not.
+    /// The class, as the controller counts them, of the first diagnosis after the damage, believed or not.
     pub first_diagnosis: Option<usize>,
-    /// The class that the policy was told in the end.
+    /// The class that the policy was told in the end, as the controller counts them.
     pub told: usize,
     /// Examinations in the episode.
     pub examinations: usize,
     /// Steps from the damage until the speed over a window, all of it after the last change of what the policy is
-    /// told, is at [`RECOVERED`] of the oracle's.
+    /// told, is at [`RECOVERED`] of the oracle's; `None` without an oracle.
     pub recovery: Option<usize>,
 }
 
 impl EpisodeOutcome {
-    /// Reads the outcome from a walk. `oracle` is the mean speed of the oracle with this damage, m/s.
+    /// Reads the outcome from a walk. `oracle` is the mean speed of the oracle with this damage, m/s, if it
+    /// can be told.
     #[must_use]
-    pub fn new(walk: &Walk, onset: usize, oracle: f64) -> Self {
+    pub fn new(walk: &Walk, onset: usize, oracle: Option<f64>) -> Self {
         let is_suspicion = |event: &&Event| matches!(event.kind, EventKind::Suspected { .. });
         let after = |event: &Event| event.step as usize >= onset && walk.class != 0;
         let suspicion = walk.events.iter().filter(is_suspicion).find(|event| after(event));
@@ -48,7 +49,7 @@ impl EpisodeOutcome {
         });
         let (changed, told) = last_change.unwrap_or((0, 0));
         let start = changed.max(onset);
-        let recovery = walk.velocities.get(start..).and_then(|velocities| {
+        let recovery = walk.velocities.get(start..).zip(oracle).and_then(|(velocities, oracle)| {
             let fast = |window: &[f64]| mean(window) >= RECOVERED * oracle;
             velocities.windows(WINDOW).position(fast).map(|first| start + first + WINDOW - onset)
         });
@@ -86,7 +87,7 @@ mod tests {
     /// 1 m/s, 0.2 m/s from the damage at step 100, and 0.9 m/s from step 200 on.
     fn walk(class: usize, events: Vec<Event>) -> Walk {
         let velocities = [vec![1.0; 100], vec![0.2; 100], vec![0.9; 200]].concat();
-        Walk { class, velocities, fell: false, events }
+        Walk { class, velocities, events, ..Walk::default() }
     }
 
     #[test]
@@ -96,22 +97,24 @@ mod tests {
             event(170, diagnosed(3)),
             event(170, EventKind::Adapted { class: 3 }),
         ];
-        let outcome = EpisodeOutcome::new(&walk(3, events), 100, 1.0);
+        let outcome = EpisodeOutcome::new(&walk(3, events), 100, Some(1.0));
         assert_eq!((outcome.false_alarm, outcome.delay, outcome.first_diagnosis), (false, Some(20), Some(3)));
         assert_eq!((outcome.told, outcome.examinations), (3, 1));
         // The first window after step 170 with a mean of 0.8: 0.2 in 7 steps, 0.9 in 43 (0.802), up to step 243.
         assert_eq!(outcome.recovery, Some(143));
         // Above the oracle's speed of 2 m/s · 0.8 it never gets.
-        assert_eq!(EpisodeOutcome::new(&walk(3, Vec::new()), 100, 2.0).recovery, None);
+        assert_eq!(EpisodeOutcome::new(&walk(3, Vec::new()), 100, Some(2.0)).recovery, None);
+        // Nor is there anything to compare with where the policy does not know the damage.
+        assert_eq!(EpisodeOutcome::new(&walk(3, Vec::new()), 100, None).recovery, None);
     }
 
     #[test]
     fn suspicions_before_the_damage_and_of_healthy_robots_are_false_alarms() {
         let early = vec![event(60, suspected()), event(110, diagnosed(0))];
-        let outcome = EpisodeOutcome::new(&walk(3, early), 100, 1.0);
+        let outcome = EpisodeOutcome::new(&walk(3, early), 100, Some(1.0));
         assert_eq!((outcome.false_alarm, outcome.delay, outcome.first_diagnosis), (true, None, None));
         let late = vec![event(300, suspected())];
-        let outcome = EpisodeOutcome::new(&walk(0, late), 100, 1.0);
+        let outcome = EpisodeOutcome::new(&walk(0, late), 100, Some(1.0));
         assert_eq!((outcome.false_alarm, outcome.delay), (true, None));
     }
 }

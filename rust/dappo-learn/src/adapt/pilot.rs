@@ -2,6 +2,7 @@
 
 use dappo_sim::vector_env::VectorEnv;
 
+use super::Vocabulary;
 use crate::controller::{Controller, Event};
 use crate::error::Result;
 use crate::evaluate::Policy;
@@ -11,9 +12,9 @@ pub enum Pilot<'a> {
     /// Finds out by itself.
     Controller(&'a mut Controller),
     /// A damage-aware policy that is told the damage in the step in which it strikes.
-    Oracle(&'a dyn Policy),
+    Oracle(&'a dyn Policy, &'a Vocabulary),
     /// A damage-aware policy that takes every robot for healthy.
-    Unadapted(&'a dyn Policy),
+    Unadapted(&'a dyn Policy, &'a Vocabulary),
     /// A policy that observes no damage code.
     Unaware(&'a dyn Policy),
 }
@@ -24,27 +25,26 @@ impl Pilot<'_> {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Controller(_) => "adapted",
-            Self::Oracle(_) => "oracle",
-            Self::Unadapted(_) => "unadapted",
+            Self::Oracle(..) => "oracle",
+            Self::Unadapted(..) => "unadapted",
             Self::Unaware(_) => "unaware",
         }
     }
 
     /// The actions of all robots, `[N, A]`.
     pub(super) fn act(&mut self, env: &VectorEnv) -> Result<Vec<f32>> {
-        let (rows, robot) = (&env.buffers().obs, env.obs_dim() - env.code_length());
-        let without_code = || rows.chunks_exact(env.obs_dim()).flat_map(|row| &row[..robot]).copied();
+        let buffers = env.buffers();
         match self {
-            Self::Controller(controller) => {
-                controller.act(&without_code().collect::<Vec<f32>>(), &env.buffers().forward_velocity)
+            Self::Controller(controller) => controller.act(&buffers.obs, &buffers.forward_velocity),
+            Self::Oracle(policy, vocabulary) => {
+                let codes = buffers.damage_class.iter().map(|&class| &vocabulary.codes[class as usize]);
+                policy.mean_actions(&with_codes(env, codes))
             }
-            Self::Oracle(policy) => policy.mean_actions(rows),
-            Self::Unadapted(policy) => {
-                let mut rows = rows.clone();
-                rows.chunks_exact_mut(env.obs_dim()).for_each(|row| row[robot..].fill(0.0));
-                policy.mean_actions(&rows)
+            Self::Unadapted(policy, vocabulary) => {
+                let codes = std::iter::repeat_n(&vocabulary.codes[0], env.num_envs());
+                policy.mean_actions(&with_codes(env, codes))
             }
-            Self::Unaware(policy) => policy.mean_actions(&without_code().collect::<Vec<f32>>()),
+            Self::Unaware(policy) => policy.mean_actions(&buffers.obs),
         }
     }
 
@@ -54,4 +54,10 @@ impl Pilot<'_> {
             _ => Vec::new(),
         }
     }
+}
+
+/// The observations of all robots, each with a damage code behind it.
+fn with_codes<'a>(env: &VectorEnv, codes: impl Iterator<Item = &'a Vec<f32>>) -> Vec<f32> {
+    let rows = env.buffers().obs.chunks_exact(env.obs_dim());
+    rows.zip(codes).flat_map(|(row, code)| row.iter().chain(code)).copied().collect()
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::class::{average, median, speed};
-use super::{ClassOutcome, Contest, Trial};
+use super::{ClassOutcome, Contest, Trial, Vocabulary};
 use crate::error::{Result, check_length};
 
 /// The outcome of a trial.
@@ -25,7 +25,7 @@ pub struct Summary {
     pub right_at_first: Option<f64>,
     /// Share of them in which the policy was told the right class in the end.
     pub right_at_last: Option<f64>,
-    /// Mean forward reward over the damages, as a share of the oracle's.
+    /// Mean forward reward over the damages that the policy knows, as a share of the oracle's.
     pub recovered_share: Option<f64>,
     /// The same of the policy that takes every robot for healthy.
     pub unadapted_share: Option<f64>,
@@ -66,7 +66,7 @@ impl Summary {
     ///
     /// # Errors
     /// If a pilot did not walk all episodes.
-    pub fn new(trial: &Trial, names: &[String], contest: &Contest) -> Result<Self> {
+    pub fn new(trial: &Trial, vocabulary: &Vocabulary, contest: &Contest) -> Result<Self> {
         let all = trial.classes.len() * trial.episodes;
         for walks in
             [&contest.adapted, &contest.oracle, &contest.unadapted].into_iter().chain(&contest.unaware)
@@ -76,8 +76,7 @@ impl Summary {
         let mut classes = Vec::with_capacity(trial.classes.len());
         let (mut severe, mut delays) = (0, Vec::new());
         for (row, &class) in trial.classes.iter().enumerate() {
-            let name = names.get(class).cloned().unwrap_or_default();
-            let (outcome, episodes) = ClassOutcome::new(trial, row, name, contest);
+            let (outcome, episodes) = ClassOutcome::new(trial, row, vocabulary, contest);
             let struck = trial.struck(row, &contest.adapted);
             let slowed = average(&contest.unadapted, &struck, |walk| speed(walk, trial));
             if class != 0 && slowed < 0.5 * outcome.velocity_before {
@@ -104,10 +103,10 @@ impl Summary {
             (episodes > 0).then(|| counted as f64 / episodes as f64)
         };
         let total = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| -> Option<f64> {
-            damaged.iter().map(|outcome| reward(outcome)).sum()
+            damaged.iter().filter(|outcome| outcome.oracle.is_some()).map(|outcome| reward(outcome)).sum()
         };
         let of_oracle = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| {
-            let oracle = total(&|outcome| Some(outcome.oracle)).filter(|oracle| *oracle > 0.0)?;
+            let oracle = total(&|outcome| outcome.oracle).filter(|oracle| *oracle > 0.0)?;
             Some(total(reward)? / oracle)
         };
         Self {
@@ -129,33 +128,39 @@ impl Summary {
     #[must_use]
     pub fn csv(&self) -> String {
         let mut text = "class,name,episodes,ended_before,false_alarms,detected,median_delay,right_at_first,right_at_last,\
-                        examinations,recovered,median_recovery,falls,velocity_before,adapted,oracle,unadapted,\
-                        unaware\n"
+                        told,examinations,recovered,median_recovery,falls,velocity_before,adapted,oracle,\
+                        unadapted,unaware\n"
             .to_owned();
         for c in &self.classes {
-            let optional = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            let steps = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+            let reward = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.2}"));
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "{},{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{:.2},{:.2},{}",
+                "{},{},{},{},{},{},{},{},{},{},{:.2},{},{},{},{:.4},{:.2},{},{:.2},{}",
                 c.class,
                 c.name,
                 c.episodes,
                 c.ended_before,
                 c.false_alarms,
                 c.detected,
-                optional(c.median_delay),
+                steps(c.median_delay),
                 c.right_at_first,
                 c.right_at_last,
+                c.told
+                    .iter()
+                    .map(|told| format!("{} {}", told.name, told.episodes))
+                    .collect::<Vec<_>>()
+                    .join("; "),
                 c.examinations,
                 c.recovered,
-                optional(c.median_recovery),
+                steps(c.median_recovery),
                 c.falls,
                 c.velocity_before,
                 c.adapted,
-                c.oracle,
+                reward(c.oracle),
                 c.unadapted,
-                optional(c.unaware)
+                reward(c.unaware)
             );
         }
         text
@@ -168,19 +173,30 @@ mod tests {
     use crate::adapt::{Walk, Walks};
     use crate::controller::{Event, EventKind};
 
+    /// A policy that knows all of these classes.
+    fn vocabulary(names: &[&str]) -> Vocabulary {
+        let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+        Vocabulary {
+            known: (0..names.len()).map(Some).collect(),
+            codes: vec![Vec::new(); names.len()],
+            known_names: names.clone(),
+            names,
+        }
+    }
+
     fn walk(class: usize, before: f64, after: f64, suspected: Option<u64>) -> Walk {
         let kind = EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None };
         Walk {
             class,
             velocities: [vec![before; 10], vec![after; 90]].concat(),
-            fell: false,
             events: suspected.map(|step| Event { robot: 0, step, kind }).into_iter().collect(),
+            ..Walk::default()
         }
     }
 
     #[test]
     fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
-        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0 };
+        let trial = Trial { classes: vec![0, 1, 2], episodes: 2, onset: 10, seed: 0, filmed: false };
         let all = |healthy: f64, mild: f64, severe: f64| {
             let episodes = vec![
                 walk(0, 1.0, healthy, None),
@@ -200,8 +216,8 @@ mod tests {
             unadapted: all(1.0, 0.6, 0.2),
             unaware: None,
         };
-        let names = ["healthy", "mild", "severe"].map(ToOwned::to_owned);
-        let summary = Summary::new(&trial, &names, &contest).unwrap();
+        let vocabulary = vocabulary(&["healthy", "mild", "severe"]);
+        let summary = Summary::new(&trial, &vocabulary, &contest).unwrap();
         assert_eq!(summary.healthy_without_alarm, Some(0.5));
         assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
         assert_eq!(summary.severe_median_delay, Some(7.0));
@@ -214,11 +230,54 @@ mod tests {
         assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
         assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
         assert_eq!(summary.classes[1].ended_before, 0);
-        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &names, &contest).is_err());
+        assert!(Summary::new(&Trial { episodes: 3, ..trial }, &vocabulary, &contest).is_err());
     }
+
+    #[test]
+    fn damage_that_the_policy_does_not_know_is_never_right_and_has_no_oracle() {
+        let adapted = |event_class| {
+            let events = vec![
+                Event {
+                    robot: 0,
+                    step: 14,
+                    kind: EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None },
+                },
+                Event {
+                    robot: 0,
+                    step: 20,
+                    kind: EventKind::Diagnosed { class: event_class, confidence: 0.9, accepted: true },
+                },
+                Event { robot: 0, step: 20, kind: EventKind::Adapted { class: event_class } },
+            ];
+            Walk { events, ..walk(1, 1.0, 0.5, None) }
+        };
+        let walks = |episodes| Walks { episodes, decision_seconds: Vec::new() };
+        let contest = Contest {
+            adapted: walks(vec![adapted(1), adapted(2), adapted(2)]),
+            oracle: walks(vec![walk(1, 1.0, 1.0, None); 3]),
+            unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
+            unaware: None,
+        };
+        // The robot's class 1 is none of those that the policy knows.
+        let vocabulary = Vocabulary {
+            names: ["healthy", "weak"].map(ToOwned::to_owned).to_vec(),
+            known: vec![Some(0), None],
+            codes: vec![vec![0.0]; 2],
+            known_names: ["healthy", "jammed", "missing"].map(ToOwned::to_owned).to_vec(),
+        };
+        let trial = Trial { classes: vec![1], episodes: 3, onset: 10, seed: 0, filmed: false };
+        let summary = Summary::new(&trial, &vocabulary, &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));
+        assert_eq!((class.oracle, class.median_recovery, summary.recovered_share), (None, None, None));
+        let told = [("missing", 2), ("jammed", 1)];
+        assert!(class.told.iter().map(|told| (told.name.as_str(), told.episodes)).eq(told));
+        assert!(summary.csv().contains(",missing 2; jammed 1,"));
+    }
+
     #[test]
     fn an_episode_that_ended_before_its_damage_struck_counts_for_nothing() {
-        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0 };
+        let trial = Trial { classes: vec![1], episodes: 2, onset: 10, seed: 0, filmed: false };
         let fallen = Walk { velocities: vec![1.0; 10], fell: true, ..walk(1, 1.0, 0.0, None) };
         let walks = |after: f64, suspected| Walks {
             episodes: vec![walk(1, 1.0, after, suspected), fallen.clone()],
@@ -230,7 +289,7 @@ mod tests {
             unadapted: walks(0.1, None),
             unaware: Some(walks(0.2, None)),
         };
-        let summary = Summary::new(&trial, &["healthy".to_owned(), "broken".to_owned()], &contest).unwrap();
+        let summary = Summary::new(&trial, &vocabulary(&["healthy", "broken"]), &contest).unwrap();
         let class = &summary.classes[0];
         assert_eq!((class.episodes, class.ended_before, class.detected, class.falls), (1, 1, 1, 0));
         assert_eq!((summary.severe_episodes, summary.severe_detected), (1, Some(1.0)));

@@ -2,13 +2,13 @@
 
 use std::fmt::Write as _;
 
-use super::Walk;
+use super::{Vocabulary, Walk};
 use crate::controller::EventKind;
 
 /// A walk as CSV: forward velocity, the damage in force, what the policy is told, and what happened.
 #[must_use]
-pub fn trace(walk: &Walk, onset: usize, names: &[String]) -> String {
-    let name = |class: usize| names.get(class).map_or("", String::as_str);
+pub fn trace(walk: &Walk, onset: usize, vocabulary: &Vocabulary) -> String {
+    let name = |class: usize| &vocabulary.known_names[class];
     let mut text = "step,forward_velocity,damage,told,event\n".to_owned();
     let (mut told, mut events) = (0, walk.events.iter().peekable());
     for (step, velocity) in walk.velocities.iter().enumerate() {
@@ -23,14 +23,14 @@ pub fn trace(walk: &Walk, onset: usize, names: &[String]) -> String {
                     told = *class;
                     "adapted".to_owned()
                 }
+                EventKind::Withdrawn { class, .. } => format!("withdrawn {}", name(*class)),
                 EventKind::ReadingsLost { .. } => "readings lost".to_owned(),
                 EventKind::ReadingsBack => "readings back".to_owned(),
             });
         }
-        let damage = if step >= onset { walk.class } else { 0 };
+        let damage = &vocabulary.names[if step >= onset { walk.class } else { 0 }];
         // Writing to a String cannot fail.
-        let _ =
-            writeln!(text, "{step},{velocity:.5},{},{},{}", name(damage), name(told), happened.join("; "));
+        let _ = writeln!(text, "{step},{velocity:.5},{damage},{},{}", name(told), happened.join("; "));
     }
     text
 }
@@ -46,20 +46,25 @@ mod tests {
         let walk = Walk {
             class: 1,
             velocities: vec![1.0, 0.5, 0.25],
-            fell: false,
             events: vec![
                 event(1, EventKind::Diagnosed { class: 1, confidence: 0.875, accepted: true }),
                 event(1, EventKind::Adapted { class: 1 }),
             ],
+            ..Walk::default()
         };
-        let names = ["healthy".to_owned(), "broken".to_owned()];
+        let vocabulary = Vocabulary {
+            names: ["healthy", "leg off"].map(ToOwned::to_owned).to_vec(),
+            known: vec![Some(0), None],
+            codes: vec![Vec::new(); 2],
+            known_names: ["healthy", "broken"].map(ToOwned::to_owned).to_vec(),
+        };
         assert_eq!(
-            trace(&walk, 1, &names).lines().collect::<Vec<_>>(),
+            trace(&walk, 1, &vocabulary).lines().collect::<Vec<_>>(),
             [
                 "step,forward_velocity,damage,told,event",
                 "0,1.00000,healthy,healthy,",
-                "1,0.50000,broken,broken,diagnosed broken (0.88); adapted",
-                "2,0.25000,broken,broken,",
+                "1,0.50000,leg off,broken,diagnosed broken (0.88); adapted",
+                "2,0.25000,leg off,broken,",
             ]
         );
     }

@@ -53,6 +53,10 @@ pub struct ControllerConfig {
     pub cooldown: usize,
     /// Probability that a diagnosis needs to be believed.
     pub confidence: f64,
+    /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the named damage is no closer to
+    /// the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a diagnoser whose twins are
+    /// put beside the robot before every step.
+    pub probation: usize,
 }
 
 impl Default for ControllerConfig {
@@ -65,6 +69,7 @@ impl Default for ControllerConfig {
             residual_threshold: 0.05,
             cooldown: 50,
             confidence: 0.5,
+            probation: 10,
         }
     }
 }

@@ -41,6 +41,16 @@ pub enum EventKind {
         /// The class.
         class: usize,
     },
+    /// A diagnosis explains the robot no better than no damage does: it is broken in a way that has no class, and the
+    /// policy is told that it is healthy.
+    Withdrawn {
+        /// The class that had been named.
+        class: usize,
+        /// Median residual of the twin with its damage.
+        residual: f64,
+        /// Median residual of the healthy twin.
+        healthy: f64,
+    },
     /// Some readings are not finite; the last finite ones are held, and nothing is compared.
     ReadingsLost {
         /// How many entries of the observation.

@@ -11,6 +11,7 @@
 
 mod config;
 mod event;
+mod probation;
 mod robot;
 mod skills;
 mod suspicion;
@@ -25,6 +26,7 @@ use crate::normalizer::CLIP;
 
 pub use config::{ControllerConfig, Trigger};
 pub use event::{Event, EventKind};
+use probation::{Probation, Rebuttal};
 use robot::Robot;
 pub use skills::Skills;
 use suspicion::Evidence;
@@ -35,8 +37,7 @@ pub struct Controller {
     config: ControllerConfig,
     /// Damage codes of all classes, `[C, code_length]`.
     codes: Vec<Vec<f32>>,
-    /// 1 / standard deviation of every position and velocity in training, 0 of all other entries of an observation:
-    /// contact forces jump, so that the least noise of a sensor would pass for damage. `[O]`
+    /// What the difference between robot and twin is multiplied by, see [`Skills::compared`], `[O]`.
     scale: Vec<f32>,
     robots: Vec<Robot>,
     /// Observations with the last finite value where a sensor has failed, `[N, O]`.
@@ -55,9 +56,7 @@ impl Controller {
         let robots = twins.num_envs();
         let (obs_dim, action_dim) = (twins.task().obs_dim(), twins.task().layout().nu);
         let codes = &skills.diagnoser.description().subject.codes;
-        let scale = skills.policy.normalizer().scale();
-        let compared = scale.into_iter().zip(twins.task().shows_state());
-        let scale = compared.map(|(scale, is_state)| if is_state { scale } else { 0.0 }).collect();
+        let scale = skills.compared(twins.task());
         let mut twins = Fleet::new(twins);
         twins
             .reset(&(0..robots).map(|env| Reset { env, class: 0, key: 0, episode: 0 }).collect::<Vec<_>>())?;
@@ -199,9 +198,19 @@ impl Controller {
             return if window.damaged.len() == full { self.diagnose(index) } else { Ok(()) };
         }
         let residual = predicted.map(|twin| distance(twin, observed, &self.scale));
+        if let Some((probation, residual)) = robot.probation.as_mut().zip(residual)
+            && let Some(verdict) = probation.weigh(&self.config, residual)
+        {
+            robot.probation = None;
+            if let Err(rebuttal) = verdict {
+                self.withdraw(index, rebuttal);
+            }
+        }
+        let robot = &mut self.robots[index];
         let expected = self.skills.baselines[robot.class];
         if let Some(evidence) = robot.suspicion.weigh(&self.config, velocity, residual, expected) {
             robot.examination = Some(Window::default());
+            robot.probation = None;
             let Evidence { forward_velocity, residual } = evidence;
             self.event(index, EventKind::Suspected { forward_velocity, expected, residual });
         }
@@ -214,13 +223,34 @@ impl Controller {
         let (class, confidence) = self.skills.diagnoser.diagnose(&window)?;
         let accepted = f64::from(confidence) >= self.config.confidence;
         self.event(index, EventKind::Diagnosed { class, confidence, accepted });
+        let healthy = self.residuals(&window);
         let robot = &mut self.robots[index];
         robot.suspicion.rest(&self.config);
+        if accepted && class != 0 {
+            robot.probation = Probation::new(&self.config, &healthy);
+        }
         if accepted && class != robot.class {
             robot.class = class;
             self.event(index, EventKind::Adapted { class });
         }
         Ok(())
+    }
+
+    /// Residuals of the healthy twin in an examination; none unless it stood beside the robot before every step, as the
+    /// twin of a walking robot does.
+    fn residuals(&self, window: &Window) -> Vec<f64> {
+        let led = self.skills.diagnoser.description().twin;
+        let width = self.obs_dim();
+        let rows = window.twin.chunks_exact(width).zip(window.damaged.chunks_exact(width));
+        let is_beside = (1..rows.len()).all(|row| led.resyncs_before(row));
+        rows.filter(|_| is_beside).map(|(twin, observed)| distance(twin, observed, &self.scale)).collect()
+    }
+
+    /// Takes a diagnosis back that explains the robot no better than no damage does.
+    fn withdraw(&mut self, index: usize, Rebuttal { residual, healthy }: Rebuttal) {
+        let class = std::mem::take(&mut self.robots[index].class);
+        self.event(index, EventKind::Withdrawn { class, residual, healthy });
+        self.event(index, EventKind::Adapted { class: 0 });
     }
 
     /// The expert's actions for robots under examination, those of the policy for the others.

@@ -1,6 +1,7 @@
 //! Where one robot stands in the run-time loop.
 
 use super::ControllerConfig;
+use super::probation::Probation;
 use super::suspicion::Suspicion;
 use crate::diagnose::Window;
 
@@ -20,6 +21,8 @@ pub(super) struct Robot {
     pub suspicion: Suspicion,
     /// The steps examined so far.
     pub examination: Option<Window>,
+    /// What speaks for the last diagnosis, until that is settled.
+    pub probation: Option<Probation>,
 }
 
 impl Robot {
@@ -33,6 +36,7 @@ impl Robot {
             is_blind: false,
             suspicion: Suspicion::new(config),
             examination: None,
+            probation: None,
         }
     }
 }

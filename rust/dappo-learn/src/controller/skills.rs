@@ -1,15 +1,16 @@
 //! What a controller has learned, part by part.
 
 use dappo_sim::backend::Backend;
+use dappo_sim::terms::Task;
 
+use crate::actor::Actor;
 use crate::diagnose::{Diagnoser, Expert};
 use crate::error::{LearnError, Result};
-use crate::ppo::Ppo;
 
 /// What a controller has learned.
 pub struct Skills {
     /// The damage-aware policy.
-    pub policy: Ppo,
+    pub policy: Actor,
     /// The policy that walks while the diagnoser watches, as it did in the diagnoser's training.
     pub expert: Expert,
     /// The diagnoser.
@@ -19,12 +20,20 @@ pub struct Skills {
 }
 
 impl Skills {
+    /// 1 / standard deviation of every position and velocity in training, 0 of all other entries of an observation:
+    /// contact forces jump, so that the least noise of a sensor would pass for damage. `[O]`
+    #[must_use]
+    pub fn compared(&self, task: &Task) -> Vec<f32> {
+        let entries = self.policy.standardizer().scale().iter().zip(task.shows_state());
+        entries.map(|(scale, is_state)| if is_state { *scale } else { 0.0 }).collect()
+    }
+
     /// Fails unless all parts know the same robot and the same damage classes.
-    pub(super) fn check(&self, twins: &dyn Backend) -> Result<()> {
+    pub fn check(&self, twins: &dyn Backend) -> Result<()> {
         let Self { policy, expert, diagnoser, baselines } = self;
         let description = diagnoser.description();
         let subject = &description.subject;
-        let code_length = policy.normalizer().code_length();
+        let code_length = policy.code_length();
         if code_length == 0 {
             return Err(LearnError::Invalid(
             "the policy does not observe the damage, so that it cannot adapt to it; train one without --unaware"
@@ -33,7 +42,7 @@ impl Skills {
         }
         let obs_dim = twins.task().obs_dim();
         for (part, got, expected) in [
-            ("entries in an observation of the policy", policy.normalizer().mean().len(), obs_dim),
+            ("entries in an observation of the policy", policy.obs_dim(), obs_dim),
             ("entries in the damage code of the policy", code_length, subject.code_length()),
             ("entries in an observation of the expert", expert.obs_dim(), obs_dim),
             ("entries in an observation of the diagnoser", description.obs_dim, obs_dim),

@@ -50,8 +50,10 @@ impl Suspicion {
             self.rest -= 1;
             return None;
         }
-        let evidence =
-            Evidence { forward_velocity: mean(&self.velocities), residual: median(&self.residuals) };
+        let evidence = Evidence {
+            forward_velocity: mean(&self.velocities),
+            residual: median(self.residuals.iter().copied()),
+        };
         let suspected = match config.trigger {
             Trigger::Speed => {
                 let is_full = self.velocities.len() == config.speed_window;
@@ -94,8 +96,8 @@ fn mean(values: &VecDeque<f64>) -> f64 {
 }
 
 /// The upper median; `None` of nothing.
-fn median(values: &VecDeque<f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.iter().copied().collect();
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied()
 }

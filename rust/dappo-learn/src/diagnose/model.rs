@@ -86,7 +86,7 @@ impl Description {
         }
     }
 
-    pub(super) fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         self.subject.check()?;
         self.standardizer.check(self.input_dim())?;
         for (key, width) in [
@@ -114,7 +114,7 @@ pub struct Diagnoser {
 }
 
 impl Diagnoser {
-    pub(super) fn new(description: Description, net: DiagnoserNet) -> Self {
+    pub(crate) fn new(description: Description, net: DiagnoserNet) -> Self {
         let targets = description.head.targets(&description.subject);
         Self { description, net, targets }
     }
@@ -125,7 +125,7 @@ impl Diagnoser {
         &self.description
     }
 
-    pub(super) fn net(&self) -> &DiagnoserNet {
+    pub(crate) fn net(&self) -> &DiagnoserNet {
         &self.net
     }
 
@@ -189,6 +189,12 @@ impl Diagnoser {
         let text = toml::to_string(&header).map_err(|error| unreadable(&path, error))?;
         fs::rename(&temporary, &weights).map_err(io(&weights))?;
         write_atomically(&path, text.as_bytes())
+    }
+
+    /// CRC-32 of the header in a folder, which holds the CRC-32 of the weights: equal for equal diagnosers.
+    pub fn fingerprint(folder: &Path) -> Result<String> {
+        let path = folder.join(HEADER);
+        fs::read(&path).map(|bytes| checksum(&bytes)).map_err(io(&path))
     }
 
     /// Reads a diagnoser from a folder that [`Diagnoser::save`] wrote.

@@ -33,6 +33,25 @@ impl Standardizer {
         }
     }
 
+    /// A standardiser of known means and scales.
+    pub fn of(mean: Vec<f32>, scale: Vec<f32>) -> Result<Self> {
+        let standardizer = Self { mean, scale };
+        standardizer.check(standardizer.mean.len())?;
+        Ok(standardizer)
+    }
+
+    /// Mean of every component, `[F]`.
+    #[must_use]
+    pub fn mean(&self) -> &[f32] {
+        &self.mean
+    }
+
+    /// 1 / standard deviation of every component, or 0, `[F]`.
+    #[must_use]
+    pub fn scale(&self) -> &[f32] {
+        &self.scale
+    }
+
     /// Components of an input, F.
     #[must_use]
     pub fn input_dim(&self) -> usize {

@@ -172,7 +172,9 @@ pub fn mean_velocities(table: &str, names: &[String]) -> Result<Vec<f64>> {
                 ))
             })
     };
-    rows.iter().map(|row| Ok(number(row, reward)? / number(row, length)?.max(1.0))).collect()
+    // So few digits come back from any text as they were written; the table's own tell no more.
+    let rounded = |velocity: f64| (velocity * 1e6).round() / 1e6;
+    rows.iter().map(|row| Ok(rounded(number(row, reward)? / number(row, length)?.max(1.0)))).collect()
 }
 
 fn empty_if_nan(value: f64) -> String {

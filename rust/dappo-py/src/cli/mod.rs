@@ -6,8 +6,11 @@ mod classes;
 mod console;
 mod diagnose;
 mod evaluate;
+mod export;
+mod film;
 pub mod policy;
 mod progress;
+mod render;
 pub mod settings;
 mod signals;
 mod train;
@@ -41,6 +44,9 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
         Command::Evaluate(arguments) => evaluate::run(py, arguments),
         Command::Diagnose(arguments) => diagnose::run(py, arguments),
         Command::Adapt(arguments) => adapt::run(py, arguments),
+        Command::Export(arguments) => export::run(py, arguments),
+        Command::Render(arguments) => render::run(py, arguments),
+        Command::View(arguments) => render::view(py, arguments),
         Command::Classes(arguments) => classes::run(py, arguments),
         Command::Config(arguments) => settings::print(py, arguments),
         Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),

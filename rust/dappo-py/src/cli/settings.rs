@@ -87,7 +87,8 @@ pub fn training_device(config: &Config) -> Result<Device, SimError> {
 
 /// Lays flags over the settings of an earlier run.
 pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
-    config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+    // Threads are a matter of this machine, not of the one that trained.
+    config.env.threads = arguments.threads.map(|threads| threads as usize);
     if let Some(backend) = &arguments.backend {
         config.env.backend = BackendKind::parse(backend)?;
     }

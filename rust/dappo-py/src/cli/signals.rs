@@ -20,3 +20,13 @@ pub fn watch() -> PyResult<Arc<AtomicBool>> {
     }
     Ok(interrupted)
 }
+
+/// Ends a watch: from now on the first signal ends Python code with a `KeyboardInterrupt`.
+pub fn leave_to_python(py: Python<'_>) -> PyResult<()> {
+    let signal = py.import("signal")?;
+    let handler = signal.getattr("default_int_handler")?;
+    for number in [SIGINT, SIGTERM] {
+        signal.call_method1("signal", (number, &handler))?;
+    }
+    Ok(())
+}

@@ -1,12 +1,12 @@
 //! Terms of the observation vector.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::Signals;
 use crate::backend::Layout;
 
 /// One block of the observation vector.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "term", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ObservationTerm {
     /// Positions but for the first `skip` entries (2 leaves out the root's x and y).

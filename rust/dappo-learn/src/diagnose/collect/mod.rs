@@ -117,13 +117,20 @@ pub fn collect(
     let mut part = Part::open(folder, &header, range.start)?;
     let missing = keys.len().saturating_sub(part.count());
     observer.begin(missing, missing as u64 * header.record_bytes())?;
-    let mut interrupted = false;
-    while part.count() < keys.len() && !interrupted {
-        let next = &keys[part.count()..(part.count() + block).min(keys.len())];
-        part.append(&pairs.simulate(next)?)?;
+    let mut ready = Vec::new();
+    for next in keys[part.count()..].chunks(block) {
+        // The disk takes one block while the next is simulated.
+        let (simulated, appended) = rayon::join(|| pairs.simulate(next), || part.append(&ready));
+        appended?;
+        ready = simulated?;
         observer.collected(part.count(), keys.len());
-        interrupted = observer.should_stop() && part.count() < keys.len();
+        if observer.should_stop() {
+            break;
+        }
     }
+    part.append(&ready)?;
+    observer.collected(part.count(), keys.len());
+    let interrupted = part.count() < keys.len();
     Ok(Collected { rollouts: part.count(), diverged: pairs.diverged(), interrupted })
 }
 

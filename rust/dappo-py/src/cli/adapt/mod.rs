@@ -5,9 +5,9 @@ mod show;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, trace};
+use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, Vocabulary, trace};
 use dappo_learn::config::{Config, Layers};
-use dappo_learn::controller::{Controller, ControllerConfig};
+use dappo_learn::controller::ControllerConfig;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Ppo, Result};
@@ -15,8 +15,8 @@ use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::AdaptArgs;
+use super::film::{self, Film, Walker};
 use super::{INTERRUPTED, console, policy, settings, signals};
-use crate::controller::{self, Parts};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
@@ -28,11 +28,15 @@ struct Scene {
     known: TableFactory,
     /// Compiles the robot: it may be damaged in ways that the controller does not know.
     real: TableFactory,
+    /// The one's damage in the words of the other.
+    vocabulary: Vocabulary,
 }
 
 pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
-    let wanted = controller::settings(&arguments.trigger, &arguments.controller)
-        .map_err(|error| from_learn(&error))?;
+    let wanted = arguments.controller.config().map_err(|error| from_learn(&error))?;
+    if let Some(path) = &arguments.video {
+        film::check(py, path)?;
+    }
     let scene = Scene::open(py, arguments)?;
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
     let interrupted = signals::watch()?;
@@ -49,7 +53,13 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
             &json!({ "trial": trial_json(&trial), "summary": summary, "events": events }).to_string(),
         );
     } else {
-        show::show(&summary, &contest, &trial, &scene.names());
+        show::show(&summary, &contest, &trial, &scene.vocabulary.known_names);
+    }
+    // Last, so that nothing is lost where nothing can be drawn.
+    if let (Some(path), Some(walk)) = (&arguments.video, contest.adapted.episodes.first()) {
+        let walker = Walker::Controller(scene.vocabulary.known_names.clone());
+        let film = Film { walk, onset: trial.onset, walker, factory: &scene.real };
+        film.write(py, path)?;
     }
     Ok(0)
 }
@@ -65,25 +75,19 @@ impl Scene {
         let known = TableFactory::compile(py, &config)?;
         let config = with_settings(config, &arguments.set).map_err(|error| from_learn(&error))?;
         let real = TableFactory::compile(py, &config)?;
-        let same = |factory: &TableFactory| {
-            factory.space().classes().iter().map(|c| c.name.clone()).collect::<Vec<_>>()
-        };
-        if same(&known) != same(&real) {
+        if known.robot().name != real.robot().name {
             return Err(from_learn(&LearnError::Invalid(format!(
-                "--set makes {} damage classes of the robot, the policy knows {}; change their details, not their kinds",
-                real.space().classes().len(),
-                known.space().classes().len()
+                "--set makes the robot `{}`, but the policy controls `{}`",
+                real.robot().name,
+                known.robot().name
             ))));
         }
-        Ok(Self { folder, config, known, real })
-    }
-
-    fn names(&self) -> Vec<String> {
-        self.known.space().classes().iter().map(|class| class.name.clone()).collect()
+        let vocabulary = Vocabulary::new(known.space(), real.space());
+        Ok(Self { folder, config, known, real, vocabulary })
     }
 
     fn trial(&self, arguments: &AdaptArgs) -> Result<Trial> {
-        let space = self.known.space();
+        let space = self.real.space();
         let classes = match &arguments.damage {
             Some(damage) => vec![space.parse(damage)?],
             None => (0..space.classes().len()).collect(),
@@ -93,6 +97,7 @@ impl Scene {
             episodes: arguments.episodes as usize,
             onset: arguments.at as usize,
             seed: arguments.seed as u64,
+            filmed: arguments.video.is_some(),
         })
     }
 
@@ -104,18 +109,16 @@ impl Scene {
         trial: &Trial,
         interrupted: &AtomicBool,
     ) -> Result<Option<Contest>> {
-        let parts = Parts { expert: arguments.expert.as_deref(), diagnoser: &arguments.diagnoser };
-        let skills = parts.load(&self.folder, &self.config, &self.known)?;
-        let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
+        let parts = arguments.controller.parts();
         let robots = trial.classes.len() * trial.episodes;
-        let twins = self.known.backend(robots, None, self.config.evaluation.compute())?;
-        let mut controller = Controller::new(skills, wanted, twins)?;
+        let mut controller = parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
+        let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
         let stop = || interrupted.load(Ordering::Relaxed);
         let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, &self.config, &self.real, &stop);
         let Some(adapted) = run(Pilot::Controller(&mut controller))? else { return Ok(None) };
         let policy = controller.policy();
-        let Some(oracle) = run(Pilot::Oracle(policy))? else { return Ok(None) };
-        let Some(unadapted) = run(Pilot::Unadapted(policy))? else { return Ok(None) };
+        let Some(oracle) = run(Pilot::Oracle(policy, &self.vocabulary))? else { return Ok(None) };
+        let Some(unadapted) = run(Pilot::Unadapted(policy, &self.vocabulary))? else { return Ok(None) };
         let unaware = match &unaware {
             None => None,
             Some(policy) => match run(Pilot::Unaware(policy))? {
@@ -140,8 +143,7 @@ impl Scene {
 
     /// Forms the summary and writes the files that were asked for.
     fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, contest: &Contest) -> Result<Summary> {
-        let names = self.names();
-        let summary = Summary::new(trial, &names, contest)?;
+        let summary = Summary::new(trial, &self.vocabulary, contest)?;
         if arguments.all_classes {
             self.folder.write_evaluation("adapt.csv", &summary.csv())?;
             let text = serde_json::to_string_pretty(&summary)
@@ -150,7 +152,7 @@ impl Scene {
         }
         if let (Some(path), Some(walk)) = (&arguments.log, contest.adapted.episodes.first()) {
             let io = |source| LearnError::Io { path: path.clone(), source };
-            std::fs::write(path, trace(walk, trial.onset, &names)).map_err(io)?;
+            std::fs::write(path, trace(walk, trial.onset, &self.vocabulary)).map_err(io)?;
         }
         Ok(summary)
     }

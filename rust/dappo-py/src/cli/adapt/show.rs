@@ -40,6 +40,10 @@ fn story(events: &[Event], trial: &Trial, names: &[String]) {
                 format!("diagnosis: {} ({:.0} %{doubt})", name(*class), 100.0 * confidence)
             }
             EventKind::Adapted { class } => format!("the policy is told: {}", name(*class)),
+            EventKind::Withdrawn { class, residual, healthy } => format!(
+                "withdrawn: {}; its twin differs by {residual:.3}, the healthy one by {healthy:.3}",
+                name(*class)
+            ),
             EventKind::ReadingsLost { faults } => format!("{faults} readings lost"),
             EventKind::ReadingsBack => "all readings are back".to_owned(),
         };
@@ -65,6 +69,11 @@ fn one(c: &ClassOutcome, trial: &Trial) {
             of(c.right_at_first),
             of(c.right_at_last)
         ));
+        let told: Vec<String> =
+            c.told.iter().map(|told| format!("{} ({})", told.name, told.episodes)).collect();
+        console::print_line(&format!("  told in the end, with episodes: {}", told.join(", ")));
+    }
+    if c.class != 0 && c.oracle.is_some() {
         console::print_line(&format!(
             "  recovered (80 % of the oracle's speed): {}, after {} steps (median)",
             of(c.recovered),
@@ -82,7 +91,7 @@ fn one(c: &ClassOutcome, trial: &Trial) {
     console::print_line("  forward reward from then on:");
     for (name, reward) in [
         ("adapted", Some(c.adapted)),
-        ("oracle (told the truth at once)", Some(c.oracle)),
+        ("oracle (told the truth at once)", c.oracle),
         ("no adaptation", Some(c.unadapted)),
         ("PPO-Unaware", c.unaware),
     ] {
@@ -95,8 +104,9 @@ fn one(c: &ClassOutcome, trial: &Trial) {
 fn table(summary: &Summary) {
     let width = summary.classes.iter().map(|class| class.name.len()).max().unwrap_or(0).max("damage".len());
     console::print_line(&format!(
-        "{:<width$} {:>8} {:>6} {:>6} {:>6} {:>8} {:>6} {:>8} {:>8} {:>9} {:>8}",
+        "{:<width$} {:>6} {:>8} {:>6} {:>6} {:>6} {:>8} {:>6} {:>8} {:>8} {:>9} {:>8}",
         "damage",
+        "alarms",
         "detected",
         "delay",
         "first",
@@ -110,20 +120,22 @@ fn table(summary: &Summary) {
     ));
     for c in &summary.classes {
         let share = |count: usize| format!("{:.0} %", 100.0 * count as f64 / c.episodes as f64);
-        let unaware = c.unaware.map_or_else(String::new, |reward| format!("{reward:.1}"));
-        let alarms = if c.class == 0 { c.false_alarms } else { c.detected };
+        let of_damage = |count: usize| if c.class == 0 { "–".to_owned() } else { share(count) };
+        let reward = |reward: Option<f64>| reward.map_or_else(String::new, |reward| format!("{reward:.1}"));
         console::print_line(&format!(
-            "{:<width$} {:>8} {:>6} {:>6} {:>6} {:>8} {:>6} {:>8.1} {:>8.1} {:>9.1} {unaware:>8}",
+            "{:<width$} {:>6} {:>8} {:>6} {:>6} {:>6} {:>8} {:>6} {:>8.1} {:>8} {:>9.1} {:>8}",
             c.name,
-            share(alarms),
+            share(c.false_alarms),
+            of_damage(c.detected),
             steps(c.median_delay),
-            share(c.right_at_first),
+            of_damage(c.right_at_first),
             share(c.right_at_last),
             steps(c.median_recovery),
             share(c.falls),
             c.adapted,
-            c.oracle,
-            c.unadapted
+            reward(c.oracle),
+            c.unadapted,
+            reward(c.unaware)
         ));
     }
 }

@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use dappo_learn::controller::Trigger;
 
-use super::{SimulationArgs, at_least};
+use super::{ControllerArgs, SimulationArgs, at_least};
 
 /// Arguments of `adapt`.
 #[derive(Debug, Args)]
@@ -13,13 +12,9 @@ pub struct AdaptArgs {
     /// Run folder of a damage-aware policy that has been evaluated
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
-    /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
-    #[arg(long, value_name = "DIR")]
-    pub diagnoser: PathBuf,
-    /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
-    /// [default: RUN, as if nothing were damaged]
-    #[arg(long, value_name = "RUN")]
-    pub expert: Option<PathBuf>,
+    /// The controller.
+    #[command(flatten)]
+    pub controller: ControllerArgs,
     /// Run folder of a policy that was trained with --unaware, to compare with
     #[arg(long, value_name = "RUN")]
     pub unaware: Option<PathBuf>,
@@ -38,18 +33,15 @@ pub struct AdaptArgs {
     /// Seed of the initial states
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
     pub seed: i64,
-    /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
-    #[arg(long, value_parser = Trigger::NAMES, default_value = Trigger::NAMES[0])]
-    pub trigger: String,
-    /// Other settings of the controller, for example cooldown=100
-    #[arg(long, value_name = "KEY=VALUE", num_args = 1..)]
-    pub controller: Vec<String>,
     /// Settings of the robot that the controller knows nothing of, for example damage.severity=0.5
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
     pub set: Vec<String>,
     /// Write the first episode step by step, as CSV
     #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
     pub log: Option<PathBuf>,
+    /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
+    #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
+    pub video: Option<PathBuf>,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,

@@ -1,7 +1,10 @@
 //! The arguments of every command.
 
 mod adapt;
+mod controller;
 mod diagnose;
+mod export;
+mod render;
 
 use std::path::PathBuf;
 
@@ -9,9 +12,12 @@ use clap::{Args, Parser, Subcommand};
 use dappo_learn::evaluate::Encoding;
 
 pub use adapt::AdaptArgs;
+pub use controller::ControllerArgs;
 pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
+pub use export::ExportArgs;
+pub use render::{RenderArgs, WalkArgs};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -33,6 +39,12 @@ pub enum Command {
     Diagnose(DiagnoseArgs),
     /// Let damage strike in mid-walk, and see how a controller finds out and walks on
     Adapt(Box<AdaptArgs>),
+    /// Write all that a controller needs into one folder, with its networks as ONNX
+    Export(ExportArgs),
+    /// Draw a walk into a video, an animation or a picture
+    Render(RenderArgs),
+    /// Show a walk in a window, again and again
+    View(WalkArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

@@ -11,7 +11,7 @@ use dappo_learn::diagnose::dataset::{PolicyId, Shard};
 use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{LearnError, Result};
+use dappo_learn::{Actor, LearnError, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use pyo3::prelude::*;
 use serde_json::json;
@@ -98,7 +98,7 @@ fn open_walker(run: &Path, factory: &TableFactory) -> Result<Pilot> {
 fn pilot(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<Pilot> {
     let LoadedPolicy { ppo, env_steps, fingerprint } = policy::load(folder, config, factory)?;
     let run = folder.root().display().to_string();
-    Ok(Pilot { policy: Expert::new(ppo), id: PolicyId { run, fingerprint, env_steps } })
+    Ok(Pilot { policy: Expert::new(Actor::of(&ppo)?), id: PolicyId { run, fingerprint, env_steps } })
 }
 
 fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFactory) -> String {

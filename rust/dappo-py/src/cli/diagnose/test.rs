@@ -126,7 +126,7 @@ struct Follower {
 impl Follower {
     fn open(py: Python<'_>, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
         let (folder, mut config) = RunFolder::open(run).map_err(|error| from_learn(&error))?;
-        config.env.threads = arguments.threads.map(|threads| threads as usize).or(config.env.threads);
+        config.env.threads = arguments.threads.map(|threads| threads as usize);
         config.evaluation.episodes =
             arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
         let factory = TableFactory::compile(py, &config)?;

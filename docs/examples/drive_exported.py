@@ -1,0 +1,168 @@
+"""Drive a robot from an export folder while joints of it jam: NumPy and onnxruntime decide.
+
+MuJoCo simulates the healthy twin, and stands in for the robot. Nothing else is needed.
+
+Usage: ``python docs/examples/drive_exported.py FOLDER [JOINT ...]``, by default two hips of an Ant
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import onnxruntime
+from numpy.typing import ArrayLike, NDArray
+
+ONSET, STEPS = 200, 600
+JOINTS = ("hip_1", "hip_2")  # the damage class jammed_joint@0+jammed_joint@1
+JAMMED = np.radians([-0.1, 0.1])
+
+
+def network(path: Path) -> Callable[[ArrayLike], list[NDArray[np.float32]]]:
+    """Load a network as a function of one row."""
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    return lambda row: [out[0] for out in session.run(None, {name: np.asarray(row, np.float32)[None]})]
+
+
+class Body:
+    """A simulated robot."""
+
+    def __init__(self, folder: Path, spec: dict[str, Any]) -> None:
+        self.spec, self.model = spec, mujoco.MjModel.from_xml_path(str(folder / spec["mjcf"]))
+        self.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{spec['integrator'].upper()}")
+        self.data = mujoco.MjData(self.model)
+
+    def step(self, action: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Take a control step; return what is observed."""
+        self.data.ctrl = self.spec["action_scale"] * np.clip(action, -1, 1)
+        mujoco.mj_step(self.model, self.data, self.spec["frame_skip"])
+        mujoco.mj_rnePostConstraint(self.model, self.data)  # contact forces
+        return self.observe()
+
+    def observe(self) -> NDArray[np.float32]:
+        """Form the observation, block by block."""
+        blocks: list[ArrayLike] = []
+        for term in self.spec["observation"]:
+            if term["term"] == "cfrc_ext":
+                blocks.append(np.clip(self.data.cfrc_ext.ravel(), -term["clip"], term["clip"]))
+            elif term["term"] == "touch":
+                blocks.append([self.data.sensor(name).data[0] > 0 for name in self.spec["touch_sensors"]])
+            else:
+                blocks.append(getattr(self.data, term["term"])[term.get("skip", 0) :])
+        return np.concatenate(blocks).astype(np.float32)
+
+    def put_beside(self, obs: NDArray[np.float32]) -> None:
+        """Take the state that is observed; x and y do not matter on a level floor."""
+        mujoco.mj_resetData(self.model, self.data)
+        seen = self.model.nq - 2
+        self.data.qpos, self.data.qvel = [0, 0, *obs[:seen]], obs[seen : seen + self.model.nv]
+        mujoco.mj_forward(self.model, self.data)
+
+
+class Adapter:
+    """Walks, suspects damage, has it examined, and walks on, told what was found."""
+
+    def __init__(self, folder: Path) -> None:
+        self.export = json.loads((folder / "export.json").read_text())
+        self.settings, self.classes = self.export["controller"], self.export["classes"]
+        self.led = self.export["twin"]  # how the twin is made and led
+        self.twin = Body(folder, self.led)
+        expert = self.export["expert"] or self.export["policy"]
+        self.unhurt = np.zeros(expert["code_length"])
+        self.policy = network(folder / self.export["policy"]["onnx"])
+        self.expert = network(folder / expert["onnx"])
+        self.diagnoser = network(folder / self.export["diagnoser"]["onnx"])
+        self.told, self.step, self.rest = 0, 0, self.settings["cooldown"]
+        self.residuals: deque[float] = deque(maxlen=self.settings["residual_window"])
+        self.window: list[NDArray[np.float32]] | None = None  # the steps of an examination
+        self.predicted: NDArray[np.float32] | None = None  # by the twin
+        self.events: list[tuple[int, str]] = []
+
+    def act(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Choose the next action."""
+        if self.window is not None and self.predicted is not None:
+            parts = {"damaged": obs, "twin - damaged": self.predicted - obs, "action": self.mean_action}
+            self.window.append(np.concatenate([parts[name] for name in self.export["diagnoser"]["inputs"]]))
+            if len(self.window) == self.export["diagnoser"]["timesteps"]:
+                self.diagnose()
+        elif self.is_suspicious(obs):
+            self.window = []
+        walker = self.policy if self.window is None else self.expert
+        code = self.classes[self.told]["code"] if self.window is None else self.unhurt
+        action, self.mean_action = walker(np.concatenate([obs, code]))
+        self.predicted = self.lead_twin(obs, self.mean_action)
+        self.step += 1
+        return action
+
+    def is_suspicious(self, obs: NDArray[np.float32]) -> bool:
+        """Compare the robot with its twin over the last steps."""
+        if self.predicted is not None:
+            scale = np.array(self.led["residual_scale"], np.float32)
+            bound = self.export["policy"]["clip"]
+            differences = np.clip((self.predicted - obs) * scale, -bound, bound)[scale > 0]
+            self.residuals.append(float(np.sqrt(np.mean(differences**2))))
+        self.rest -= 1
+        if self.rest >= 0 or len(self.residuals) < self.settings["residual_window"]:
+            return False
+        median = sorted(self.residuals)[len(self.residuals) // 2]
+        if median > self.settings["residual_threshold"]:
+            self.tell(f"differs from its twin by {median:.2f}, an examination begins")
+            return True
+        return False
+
+    def diagnose(self) -> None:
+        """Name the damage from a full window."""
+        (probabilities,) = self.diagnoser(np.array(self.window))
+        likeliest = int(np.argmax(probabilities))
+        self.tell(f"diagnosis: {self.classes[likeliest]['name']}, {probabilities[likeliest]:.1%} certain")
+        if probabilities[likeliest] >= self.settings["confidence"]:
+            self.told = likeliest
+        self.window, self.rest = None, self.settings["cooldown"]
+        self.residuals.clear()
+
+    def lead_twin(self, obs: NDArray[np.float32], action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Let the healthy twin take a step beside the robot, unless that is known to be damaged."""
+        if self.told != 0 and self.window is None:
+            return None
+        row, resync = len(self.window or ()), self.led["resync"]
+        if row == 0 or (resync > 0 and row % resync == 0):
+            self.twin.put_beside(obs)
+            self.predicted = obs
+        if self.window is not None and self.led["action"] == "own":
+            _, action = self.expert(np.concatenate([self.predicted, self.unhurt]))
+        return self.twin.step(action)
+
+    def tell(self, event: str) -> None:
+        """Note and print what happens."""
+        self.events.append((self.step, event))
+        print(f"step {self.step:4}: {event}")
+
+
+def main() -> None:
+    """Walk, break, find out, walk on."""
+    folder, joints = Path(sys.argv[1]), sys.argv[2:] or JOINTS
+    adapter = Adapter(folder)
+    robot = Body(folder, adapter.led)
+    places, obs = [robot.data.qpos[0]], robot.observe()
+    for step in range(STEPS):
+        if step == ONSET:
+            for name in joints:
+                robot.model.joint(name).range = JAMMED
+            print(f"step {step:4}: {' and '.join(joints)} jam, and nobody tells the controller")
+        obs = robot.step(adapter.act(obs))
+        places.append(robot.data.qpos[0])
+    print(f"told: {adapter.classes[adapter.told]['name']}")
+    for first, last in ((0, ONSET), (ONSET, ONSET + 100), (ONSET + 100, STEPS)):
+        seconds = (last - first) * adapter.export["control_period"]
+        print(f"steps {first:4} to {last:4}: {(places[last] - places[first]) / seconds:.2f} m/s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""A trained policy by itself, for programs of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike, fspath
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch import _core
+from dappo_batch._core import ConfigError
+
+__all__ = ["Policy"]
+
+
+class Policy:
+    """The policy of a run, without exploration noise; `Policy.load` reads it.
+
+    It does what it is told: a `Controller` also finds out what to tell it.
+    """
+
+    def __init__(self, core: _core.Policy) -> None:
+        self._core = core
+
+    @classmethod
+    def load(cls, run: str | PathLike[str]) -> Policy:
+        """Read the policy in the newest checkpoint of a run folder.
+
+        Raises
+        ------
+        ConfigError
+            If the folder is no run folder.
+        CheckpointError
+            If it has no checkpoint that can be read.
+        """
+        return cls(_core.Policy.load(Path(fspath(run))))
+
+    @property
+    def obs_dim(self) -> int:
+        """Length of an observation without damage code, O."""
+        return self._core.obs_dim
+
+    @property
+    def action_dim(self) -> int:
+        """Length of an action, A."""
+        return self._core.action_dim
+
+    @property
+    def observes_damage(self) -> bool:
+        """Whether it can be told a damage class; a policy that was trained with ``--unaware`` cannot."""
+        return self._core.observes_damage
+
+    @property
+    def class_names(self) -> list[str]:
+        """Names of the damage classes; the index is the class."""
+        return self._core.class_names
+
+    @property
+    def env_steps(self) -> int:
+        """Env steps that it was trained for."""
+        return self._core.env_steps
+
+    def act(
+        self,
+        obs: ArrayLike,
+        *,
+        damage_class: str | int | Sequence[str | int] | NDArray[np.int64] | None = None,
+    ) -> NDArray[np.float32]:
+        """Choose actions.
+
+        Parameters
+        ----------
+        obs
+            Observations without damage code, [N, O], or [O] of a single robot.
+        damage_class
+            What the policy is told: a class name or id, or one for each robot, [N]; healthy if left out.
+
+        Returns
+        -------
+        actions
+            Mean actions, [N, A], or [A] for an observation [O]. Clip them to [-1, 1], as the simulation does.
+
+        Raises
+        ------
+        ConfigError
+            If a damage class does not exist, or is told to a policy that observes none.
+        ShapeError
+            If a shape does not fit.
+        """
+        rows = np.ascontiguousarray(obs, np.float32)
+        single = rows.ndim == 1
+        rows = np.atleast_2d(rows)
+        if damage_class is not None and not self.observes_damage:
+            raise ConfigError("the policy observes no damage; leave damage_class out")
+        actions = self._core.act(rows, self._classes(damage_class, len(rows)))
+        return actions[0] if single else actions
+
+    def _classes(
+        self, told: str | int | Sequence[str | int] | NDArray[np.int64] | None, robots: int
+    ) -> NDArray[np.int64]:
+        if told is None:
+            return np.zeros(robots, np.int64)
+        if isinstance(told, (str, int, np.integer)):
+            return np.full(robots, self._class(told), np.int64)
+        return np.array([self._class(item) for item in told], np.int64)
+
+    def _class(self, told: str | int | np.integer) -> int:
+        if not isinstance(told, str):
+            return int(told)
+        return self._core.parse(told)

@@ -1,0 +1,79 @@
+"""Pictures into files: mp4, GIF and PNG."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import IO
+
+import av
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+__all__ = ["write_gif", "write_mp4", "write_png"]
+
+Pictures = Iterable[NDArray[np.uint8]]
+
+_QUALITY = "20"  # of H.264: the smaller the better; artefacts are hardly seen
+_GIF_COLOURS = 48  # few materials, soft light: more colours are more noise to store
+_PALETTE_SAMPLES = 8  # pictures of a GIF that its palette is chosen from
+
+
+def write_mp4(path: Path, pictures: Pictures, seconds: float) -> None:
+    """Write pictures, each uint8[height, width, 3] with even sizes, as H.264, each shown for `seconds`."""
+    rate = Fraction(1.0 / seconds).limit_denominator(1000)
+    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as file:
+        stream = None
+        for picture in pictures:
+            if stream is None:
+                # What every browser and player reads: H.264 with halved colour resolution.
+                stream = file.add_stream("libx264", rate=rate, options={"crf": _QUALITY})
+                stream.height, stream.width = picture.shape[:2]
+                stream.pix_fmt = "yuv420p"
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        if stream is not None:
+            file.mux(stream.encode())
+
+
+def write_gif(path: Path, pictures: Pictures, seconds: float) -> None:
+    """Write pictures, each uint8[height, width, 3], as a GIF without end, each shown for `seconds`."""
+    with tempfile.TemporaryFile() as spool:
+        # One palette for all, so that colours do not flicker; it can only be chosen when all have been seen.
+        shape, count = (0, 0, 3), 0
+        for picture in pictures:
+            shape, count = picture.shape, count + 1
+            spool.write(picture.tobytes())
+        step = max(1, math.ceil(count / _PALETTE_SAMPLES))
+        samples = np.concatenate(list(_spooled(spool, shape, range(0, count, step))))
+        palette = Image.fromarray(samples).quantize(_GIF_COLOURS, method=Image.Quantize.FASTOCTREE)
+        # Without dithering, whose noise would double the file.
+        reduced = (
+            Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+            for picture in _spooled(spool, shape, range(count))
+        )
+        next(reduced).save(
+            path,
+            format="GIF",
+            save_all=True,
+            append_images=reduced,
+            duration=round(1000 * seconds),
+            loop=0,
+            optimize=False,
+        )
+
+
+def write_png(path: Path, pictures: Pictures) -> None:
+    """Write the last picture, uint8[height, width, 3]."""
+    *_, last = pictures
+    Image.fromarray(last).save(path, format="PNG", optimize=True)
+
+
+def _spooled(spool: IO[bytes], shape: tuple[int, ...], indices: Iterable[int]) -> Iterator[NDArray[np.uint8]]:
+    size = math.prod(shape)
+    for index in indices:
+        spool.seek(index * size)
+        yield np.frombuffer(spool.read(size), np.uint8).reshape(shape)

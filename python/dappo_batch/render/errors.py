@@ -1,0 +1,11 @@
+"""What can go wrong with pictures, beyond options that make no sense."""
+
+from __future__ import annotations
+
+from dappo_batch._core import DappoError
+
+__all__ = ["RenderError"]
+
+
+class RenderError(DappoError, RuntimeError):
+    """Nothing can be drawn or encoded here; the message says what to install."""

@@ -1,0 +1,168 @@
+"""From a walk to a file."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch._core import ConfigError
+from dappo_batch.render.captions import captions
+from dappo_batch.render.errors import RenderError
+from dappo_batch.render.opengl import draw
+from dappo_batch.render.scene import scene
+from dappo_batch.render.schedule import Schedule, schedule
+from dappo_batch.render.walk import Walk
+
+__all__ = ["INSTALL", "check", "frames", "lacking", "write"]
+
+_PACKAGES = {"PIL": "pillow", "av": "av"}
+INSTALL = "pip install 'dappo-batch[video]'"
+
+
+@dataclass(frozen=True)
+class _Format:
+    """What a kind of file can hold."""
+
+    size: tuple[int, int]
+    """Width and height, if nobody wants others."""
+    fastest: float
+    """Most pictures a second."""
+    unit: float | None = None
+    """What the time of a picture is a multiple of, s."""
+
+
+_FORMATS = {
+    ".mp4": _Format((640, 480), 30.0),
+    # Its files are large; and browsers slow down GIFs that are faster than 50 pictures a second.
+    ".gif": _Format((480, 360), 20.0, 0.01),
+    ".png": _Format((640, 480), 1.0),
+}
+
+
+def check(path: str | PathLike[str]) -> Path:
+    """Return a path that `write` can write to, before the work of a walk is spent.
+
+    Raises
+    ------
+    ConfigError
+        If its ending is none of ``.mp4``, ``.gif`` and ``.png``, or its folder does not exist.
+    RenderError
+        If packages are missing.
+    """
+    file = Path(path)
+    if file.suffix.lower() not in _FORMATS:
+        raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
+    if not file.parent.is_dir():
+        raise ConfigError(f"{file}: there is no folder {file.parent}")
+    if missing := lacking():
+        verb = "is" if len(missing) == 1 else "are"
+        raise RenderError(f"{' and '.join(missing)} {verb} not installed, which pictures need: {INSTALL}")
+    return file
+
+
+def lacking() -> list[str]:
+    """Return the packages of the extra ``video`` that are not installed."""
+    return [name for module, name in _PACKAGES.items() if importlib.util.find_spec(module) is None]
+
+
+def write(
+    path: str | PathLike[str],
+    walk: Walk,
+    *,
+    size: tuple[int, int] | None = None,
+    captioned: bool = True,
+) -> int:
+    """Draw a walk into a file, in real time, and return the number of pictures in it.
+
+    Parameters
+    ----------
+    path : path-like
+        A file that ends in ``.mp4``, ``.gif`` or ``.png``. A PNG shows the last state.
+    walk : Walk
+        What to draw.
+    size : tuple of int, optional
+        Width and height, even for an mp4; by default 640 by 480, and 480 by 360 for a GIF.
+    captioned : bool
+        Whether time, damage and beliefs are written into the pictures.
+
+    Raises
+    ------
+    ConfigError
+        If the path or the size cannot be used.
+    RenderError
+        If nothing can be drawn here; the message says what to install.
+    """
+    file = check(path)
+    kind = file.suffix.lower()
+    form = _FORMATS[kind]
+    width, height = size or form.size
+    if min(width, height) < 1 or (kind == ".mp4" and (width % 2 or height % 2)):
+        even = " and even for an mp4" if kind == ".mp4" else ""
+        raise ConfigError(f"size is {width} by {height}, expected at least 1 by 1{even}")
+    if kind == ".png":
+        plan = Schedule([len(walk.states) - 1], 1.0 / form.fastest)
+    else:
+        plan = schedule(len(walk.states), walk.step_seconds, fastest=form.fastest, unit=form.unit)
+    pictures = frames(walk, plan.states, size=(width, height), captioned=captioned)
+    # Imported late: only who draws needs the extra.
+    from dappo_batch.render import encoders
+
+    encode: dict[str, Callable[[Path], None]] = {
+        ".mp4": lambda target: encoders.write_mp4(target, pictures, plan.seconds),
+        ".gif": lambda target: encoders.write_gif(target, pictures, plan.seconds),
+        ".png": lambda target: encoders.write_png(target, pictures),
+    }
+    with _whole(file) as part:
+        encode[kind](part)
+    return len(plan.states)
+
+
+def frames(
+    walk: Walk, states: list[int], *, size: tuple[int, int] = (640, 480), captioned: bool = True
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw some states of a walk, each uint8[height, width, 3].
+
+    Parameters
+    ----------
+    walk : Walk
+        What to draw.
+    states : list of int
+        Indices into its states.
+    size : tuple of int
+        Width and height.
+    captioned : bool
+        Whether time, damage and beliefs are written into the pictures.
+
+    Raises
+    ------
+    RenderError
+        If nothing can be drawn here.
+    """
+    drawn = draw(scene(walk, states, *size))
+    if not captioned:
+        return drawn
+    from dappo_batch.render.lettering import letter
+
+    said = captions(walk)
+    return letter(drawn, [said[state] for state in states], *size)
+
+
+@contextlib.contextmanager
+def _whole(file: Path) -> Iterator[Path]:
+    """Give a file that takes its name when it is complete, so that no half of one is left behind."""
+    part = file.with_name(f".{file.name}.part")
+    try:
+        yield part
+        os.replace(part, file)
+    except OSError as error:
+        raise RenderError(f"{file} cannot be written: {error}") from error
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,95 @@
+"""What there is to show: the states of a walk, its damage, and what was believed about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch._core import ConfigError, ShapeError
+from dappo_batch.class_table import ClassTable
+
+__all__ = ["Walk"]
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """The states of one robot, and what is to be said about them.
+
+    Attributes
+    ----------
+    table : ClassTable
+        The robot and its damage classes.
+    qpos : array_like
+        Positions before every step and after the last, [T + 1, nq], as `DamageVectorEnv.get_state` gives
+        them; [nq] for a single state.
+    damage : str or int
+        The damage that strikes: a damage spec or a class id.
+    onset : int
+        Step before which the robot is healthy.
+    forward_velocity : array_like, optional
+        Velocity along +x in every step, m/s, [T].
+    events : sequence of mapping, optional
+        What a `Controller` did, its ``events`` of this robot, counted from the first state on.
+    known_names : sequence of str, optional
+        Names of the damage classes that the controller knows; those of `table` if left out.
+    note : str
+        What to say about who walks, where there is no controller.
+
+    Raises
+    ------
+    ConfigError
+        If the damage does not exist or the onset is negative.
+    ShapeError
+        If shapes do not fit, or a position is not finite.
+    """
+
+    table: ClassTable
+    qpos: ArrayLike
+    damage: str | int = 0
+    onset: int = 0
+    forward_velocity: ArrayLike | None = None
+    events: Sequence[Mapping[str, Any]] | None = None
+    known_names: Sequence[str] | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        self.table.space.parse(self.damage)
+        if self.onset < 0:
+            raise ConfigError(f"onset must be at least 0, got {self.onset}")
+        states, width = self.states, self.table.models[0].nq
+        if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
+            raise ShapeError(f"qpos has shape {np.shape(self.qpos)}, expected [T + 1, {width}] or [{width}]")
+        if not np.isfinite(states).all():
+            raise ShapeError("qpos has entries that are not finite")
+        velocities = self.velocities
+        if velocities is not None and velocities.shape != (len(states) - 1,):
+            raise ShapeError(
+                f"forward_velocity has shape {velocities.shape}, expected [{len(states) - 1}]:"
+                " one entry fewer than there are states"
+            )
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """The positions, [T + 1, nq]."""
+        return np.atleast_2d(np.asarray(self.qpos, np.float64))
+
+    @property
+    def velocities(self) -> NDArray[np.float64] | None:
+        """The forward velocities, [T]."""
+        return None if self.forward_velocity is None else np.asarray(self.forward_velocity, np.float64)
+
+    @property
+    def damage_classes(self) -> NDArray[np.int64]:
+        """The damage class in force in every state, [T + 1]."""
+        steps = np.arange(len(self.states))
+        return np.where(steps < self.onset, 0, self.table.space.parse(self.damage))
+
+    @property
+    def step_seconds(self) -> float:
+        """Duration of a step, s."""
+        timestep = float(self.table.models[0].opt.timestep)
+        return timestep * int(self.table.robot.spec["frame_skip"])

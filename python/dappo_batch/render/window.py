@@ -1,0 +1,96 @@
+"""A window in which a walk is shown again and again, to be looked at from all sides."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+import mujoco
+import numpy as np
+
+from dappo_batch.render.camera import view as camera_of
+from dappo_batch.render.captions import Caption, captions
+from dappo_batch.render.errors import RenderError
+from dappo_batch.render.scene import painted
+from dappo_batch.render.walk import Walk
+
+__all__ = ["check_screen", "view"]
+
+_PAUSE_SECONDS = 1.0  # between the end of a walk and its next beginning
+
+
+def check_screen() -> None:
+    """Refuse to open a window where there is no screen.
+
+    Raises
+    ------
+    RenderError
+        If there is none.
+    """
+    names = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in names):
+        raise RenderError(
+            "there is no screen to open a window on (neither DISPLAY nor WAYLAND_DISPLAY is set);"
+            " `dappo-batch render` draws into a file without one"
+        )
+
+
+def view(walk: Walk) -> None:
+    """Show a walk in a window in real time, again and again, until the window is closed.
+
+    Parameters
+    ----------
+    walk : Walk
+        What to show.
+
+    Raises
+    ------
+    RenderError
+        If there is no screen.
+    """
+    check_screen()
+    # Imported late: it looks for a screen by itself.
+    from mujoco import viewer
+
+    classes, said = walk.damage_classes.tolist(), captions(walk)
+    looks = {damage_class: painted(walk.table, damage_class) for damage_class in set(classes)}
+    shown, model = classes[0], painted(walk.table, classes[0])
+    data = mujoco.MjData(model)
+    data.qpos[:] = walk.states[0]
+    start = camera_of(walk.table, walk.states[:1], walk.step_seconds)
+    with viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
+        window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        window.cam.trackbodyid = walk.table.main_body
+        window.cam.azimuth, window.cam.elevation = start.azimuth, start.elevation
+        window.cam.distance = start.distance
+        while window.is_running():
+            for state, damage_class, caption in zip(walk.states, classes, said, strict=True):
+                if not window.is_running():
+                    return
+                begin = time.perf_counter()
+                with window.lock():
+                    if damage_class != shown:
+                        _become(model, looks[damage_class])
+                        shown = damage_class
+                    data.qpos[:] = state
+                    mujoco.mj_forward(model, data)
+                window.set_texts((None, None, _plain(caption), None))
+                window.sync()
+                time.sleep(max(0.0, walk.step_seconds - (time.perf_counter() - begin)))
+            time.sleep(_PAUSE_SECONDS)
+
+
+def _become(model: mujoco.MjModel, other: mujoco.MjModel) -> None:
+    """Let a model look and move as another of its class table."""
+    for name in dir(model):
+        if name.startswith(("body_", "jnt_", "geom_", "mat_")):
+            numbers = getattr(model, name)
+            if isinstance(numbers, np.ndarray):
+                numbers[:] = getattr(other, name)
+
+
+def _plain(caption: Caption) -> str:
+    """Return the caption in the letters that MuJoCo's windows have."""
+    lines = [line for line in (caption.time, caption.damage, caption.belief) if line]
+    return "\n".join(lines).replace("…", "...")

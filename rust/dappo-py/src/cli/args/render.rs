@@ -1,0 +1,47 @@
+//! The arguments of `render` and `view`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{SimulationArgs, at_least};
+
+/// Arguments of `render`.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// The walk.
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    /// File to write: .mp4, .gif, or .png of the last step
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Who walks, with which damage, and for how long.
+#[derive(Debug, Args)]
+pub struct WalkArgs {
+    /// Run folder of the policy that walks; it is told the damage when it strikes, if it can be
+    #[arg(value_name = "RUN")]
+    pub run: PathBuf,
+    /// The damage that strikes: a name or an id that `dappo-batch classes` lists
+    #[arg(long, value_name = "SPEC", default_value = "healthy")]
+    pub damage: String,
+    /// Step at which the damage strikes; 0 is from the start on
+    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
+    pub at: i64,
+    /// Steps to show, if the robot does not fall before
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "400")]
+    pub steps: i64,
+    /// Seed of the initial state
+    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
+    pub seed: i64,
+    /// Folder of a diagnoser that `diagnose train` made: nobody tells the policy, a controller finds out
+    #[arg(long, value_name = "DIR")]
+    pub diagnoser: Option<PathBuf>,
+    /// Run folder of the policy that walks during a diagnosis [default: RUN, as if nothing were damaged]
+    #[arg(long, value_name = "RUN", requires = "diagnoser")]
+    pub expert: Option<PathBuf>,
+    /// The simulation.
+    #[command(flatten)]
+    pub simulation: SimulationArgs,
+}

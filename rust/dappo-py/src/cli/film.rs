@@ -1,0 +1,77 @@
+//! Films of walks: Rust walks, `dappo_batch.render` draws.
+
+use std::path::Path;
+
+use dappo_learn::adapt::Walk;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::{console, signals};
+use crate::factory::{TableFactory, to_python};
+
+/// Who walks, as far as the captions say so.
+pub enum Walker {
+    /// A controller, whose events tell what it believes, and the names of the damage classes that it knows.
+    Controller(Vec<String>),
+    /// A policy; the text says what it knows.
+    Policy(&'static str),
+}
+
+/// A walk whose positions were kept.
+pub struct Film<'a> {
+    pub walk: &'a Walk,
+    /// Step at which its damage struck.
+    pub onset: usize,
+    pub walker: Walker,
+    /// Compiled its robot.
+    pub factory: &'a TableFactory,
+}
+
+/// Refuses a file that could not be written, before a walk is spent on it.
+pub fn check(py: Python<'_>, path: &Path) -> PyResult<()> {
+    render(py)?.call_method1("check", (path,)).map(drop)
+}
+
+/// Refuses to open a window where there is no screen, before a walk is spent on it.
+pub fn check_screen(py: Python<'_>) -> PyResult<()> {
+    render(py)?.call_method0("check_screen").map(drop)
+}
+
+fn render(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
+    py.import("dappo_batch.render")
+}
+
+impl Film<'_> {
+    /// Draws it into a file.
+    pub fn write(&self, py: Python<'_>, path: &Path) -> PyResult<()> {
+        signals::leave_to_python(py)?;
+        let pictures: usize = render(py)?.call_method1("write", (path, self.in_python(py)?))?.extract()?;
+        let steps = self.walk.velocities.len();
+        console::note(&format!("{}: pictures {pictures}, steps {steps}", path.display()));
+        Ok(())
+    }
+
+    /// Shows it in a window until that is closed.
+    pub fn show(&self, py: Python<'_>) -> PyResult<()> {
+        signals::leave_to_python(py)?;
+        render(py)?.call_method1("view", (self.in_python(py)?,)).map(drop)
+    }
+
+    fn in_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let (positions, states) = (&self.walk.positions, self.walk.velocities.len() + 1);
+        let qpos = PyArray1::from_slice(py, positions).reshape([states, positions.len() / states])?;
+        let about = PyDict::new(py);
+        about.set_item("damage", self.walk.class)?;
+        about.set_item("onset", self.onset)?;
+        about.set_item("forward_velocity", PyArray1::from_slice(py, &self.walk.velocities))?;
+        match &self.walker {
+            Walker::Controller(known_names) => {
+                about.set_item("events", to_python(py, &self.walk.events)?)?;
+                about.set_item("known_names", known_names)?;
+            }
+            Walker::Policy(note) => about.set_item("note", note)?,
+        }
+        render(py)?.getattr("Walk")?.call((self.factory.table(py), qpos), Some(&about))
+    }
+}

@@ -1,0 +1,81 @@
+//! `dappo-batch render` and `dappo-batch view`: one walk, in a file or in a window.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dappo_learn::Result;
+use dappo_learn::adapt::{Pilot, Trial, Vocabulary, Walks};
+use dappo_learn::config::Config;
+use dappo_learn::controller::ControllerConfig;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::run_folder::RunFolder;
+use pyo3::prelude::*;
+
+use super::args::{RenderArgs, WalkArgs};
+use super::film::{self, Film, Walker};
+use super::{INTERRUPTED, policy, settings, signals};
+use crate::controller::Parts;
+use crate::errors::{from_learn, from_sim};
+use crate::factory::TableFactory;
+
+pub fn run(py: Python<'_>, arguments: &RenderArgs) -> PyResult<i32> {
+    film::check(py, &arguments.out)?;
+    film_walk(py, &arguments.walk, |film| film.write(py, &arguments.out))
+}
+
+pub fn view(py: Python<'_>, arguments: &WalkArgs) -> PyResult<i32> {
+    film::check_screen(py)?;
+    film_walk(py, arguments, |film| film.show(py))
+}
+
+/// Lets a robot walk and hands over the film.
+fn film_walk(
+    py: Python<'_>,
+    arguments: &WalkArgs,
+    show: impl FnOnce(&Film<'_>) -> PyResult<()>,
+) -> PyResult<i32> {
+    let (folder, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
+    settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
+    config.env.max_episode_steps = Some(arguments.steps as usize);
+    let factory = TableFactory::compile(py, &config)?;
+    let trial = Trial {
+        classes: vec![factory.space().parse(&arguments.damage).map_err(|error| from_sim(&error))?],
+        episodes: 1,
+        onset: arguments.at as usize,
+        seed: arguments.seed as u64,
+        filmed: true,
+    };
+    let interrupted = signals::watch()?;
+    let walked = py.detach(|| walk(arguments, &folder, &config, &factory, &trial, &interrupted));
+    let Some((walks, walker)) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    if let Some(walk) = walks.episodes.first() {
+        show(&Film { walk, onset: trial.onset, walker, factory: &factory })?;
+    }
+    Ok(0)
+}
+
+/// Lets the controller walk if there is a diagnoser, and otherwise the policy; `None` when interrupted.
+fn walk(
+    arguments: &WalkArgs,
+    folder: &RunFolder,
+    config: &Config,
+    factory: &TableFactory,
+    trial: &Trial,
+    interrupted: &AtomicBool,
+) -> Result<Option<(Walks, Walker)>> {
+    let stop = || interrupted.load(Ordering::Relaxed);
+    let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, config, factory, &stop);
+    if let Some(diagnoser) = &arguments.diagnoser {
+        let parts = Parts { expert: arguments.expert.as_deref(), diagnoser };
+        let mut controller = parts.assemble(folder, config, factory, ControllerConfig::default(), 1)?;
+        let walker = Walker::Controller(controller.class_names().to_vec());
+        return Ok(run(Pilot::Controller(&mut controller))?.map(|walks| (walks, walker)));
+    }
+    let policy = policy::load(folder, config, factory)?.ppo;
+    let vocabulary = Vocabulary::new(factory.space(), factory.space());
+    let (pilot, walker) = if policy.normalizer().code_length() > 0 {
+        (Pilot::Oracle(&policy, &vocabulary), Walker::Policy("the policy is told at once"))
+    } else {
+        (Pilot::Unaware(&policy), Walker::Policy("the policy is not told"))
+    };
+    Ok(run(pilot)?.map(|walks| (walks, walker)))
+}

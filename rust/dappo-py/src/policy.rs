@@ -1,0 +1,133 @@
+//! `Policy` in Python: a trained policy by itself.
+
+use std::path::PathBuf;
+
+use dappo_learn::Ppo;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::evaluate::Policy;
+use dappo_learn::run_folder::RunFolder;
+use dappo_sim::DamageSpace;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::cli::policy;
+use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::factory::TableFactory;
+use crate::vector_env::not_contiguous;
+
+/// A trained policy without exploration noise.
+#[pyclass(name = "Policy", module = "dappo_batch._core")]
+pub struct PyPolicy {
+    ppo: Ppo,
+    space: DamageSpace,
+    /// Damage codes of all classes, `[classes, code_length]`; empty rows for a policy that observes no damage.
+    codes: Vec<f32>,
+    code_length: usize,
+    obs_dim: usize,
+    action_dim: usize,
+    env_steps: u64,
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+#[pymethods]
+impl PyPolicy {
+    /// Reads the policy in the newest checkpoint of a run.
+    #[staticmethod]
+    fn load(py: Python<'_>, run: PathBuf) -> PyResult<Self> {
+        let (folder, mut config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
+        config.env.threads = Some(1);
+        let factory = TableFactory::compile(py, &config)?;
+        let loaded =
+            py.detach(|| policy::load(&folder, &config, &factory)).map_err(|error| from_learn(&error))?;
+        let code_length = loaded.ppo.normalizer().code_length();
+        let space = factory.space().clone();
+        Ok(Self {
+            codes: if code_length > 0 { space.codes() } else { Vec::new() },
+            space,
+            code_length,
+            obs_dim: loaded.ppo.normalizer().obs_dim() - code_length,
+            action_dim: loaded.ppo.actor_critic().action_dim(),
+            env_steps: loaded.env_steps,
+            ppo: loaded.ppo,
+        })
+    }
+
+    /// Length of an observation, without damage code.
+    #[getter]
+    fn obs_dim(&self) -> usize {
+        self.obs_dim
+    }
+
+    /// Length of an action.
+    #[getter]
+    fn action_dim(&self) -> usize {
+        self.action_dim
+    }
+
+    /// Whether the policy is told the damage class.
+    #[getter]
+    fn observes_damage(&self) -> bool {
+        self.code_length > 0
+    }
+
+    /// Names of the damage classes.
+    #[getter]
+    fn class_names(&self) -> Vec<String> {
+        self.space.classes().iter().map(|class| class.name.clone()).collect()
+    }
+
+    /// The class that a damage spec names.
+    fn parse(&self, spec: &str) -> PyResult<i64> {
+        self.space.parse(spec).map(|class| class as i64).map_err(|error| from_sim(&error))
+    }
+
+    /// Env steps that it was trained for.
+    #[getter]
+    fn env_steps(&self) -> u64 {
+        self.env_steps
+    }
+
+    /// The actions for rows of observations without damage code, each told a class.
+    fn act<'py>(
+        &self,
+        py: Python<'py>,
+        obs: PyReadonlyArray2<'py, f32>,
+        damage_classes: PyReadonlyArray1<'py, i64>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let robots = obs.shape()[0];
+        if obs.shape()[1] != self.obs_dim || damage_classes.shape() != [robots] {
+            return Err(raise(
+                Kind::Shape,
+                format!(
+                    "obs have shape {:?} and damage_class {:?}, expected [N, {}] (without damage code) and [N]",
+                    obs.shape(),
+                    damage_classes.shape(),
+                    self.obs_dim
+                ),
+            ));
+        }
+        let rows = obs.as_slice().map_err(not_contiguous)?;
+        let classes = damage_classes.as_slice().map_err(not_contiguous)?;
+        let told = self.tell(rows, classes)?;
+        let actions = py.detach(|| self.ppo.mean_actions(&told)).map_err(|error| from_learn(&error))?;
+        PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
+    }
+}
+
+impl PyPolicy {
+    /// Puts the code of its class behind every observation.
+    fn tell(&self, rows: &[f32], classes: &[i64]) -> PyResult<Vec<f32>> {
+        let known = self.space.classes().len();
+        let mut told = Vec::with_capacity(classes.len() * (self.obs_dim + self.code_length));
+        for (row, &class) in rows.chunks_exact(self.obs_dim).zip(classes) {
+            let Some(class) = usize::try_from(class).ok().filter(|&class| class < known) else {
+                let message =
+                    format!("damage class {class} does not exist; the classes are 0 to {}", known - 1);
+                return Err(raise(Kind::Config, message));
+            };
+            told.extend_from_slice(row);
+            told.extend_from_slice(&self.codes[class * self.code_length..][..self.code_length]);
+        }
+        Ok(told)
+    }
+}

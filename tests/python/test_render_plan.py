@@ -1,0 +1,196 @@
+"""What films show and when, without drawing: captions, colours, schedule and camera."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import dappo_batch
+from dappo_batch import ClassTable, ConfigError, ShapeError
+from dappo_batch.render import Walk
+from dappo_batch.render.camera import view
+from dappo_batch.render.captions import beliefs, captions
+from dappo_batch.render.scene import RED, painted, scene
+from dappo_batch.render.schedule import schedule
+
+NAMES = ("healthy", "jammed_joint@0", "missing_toe@0")
+
+
+@pytest.fixture(scope="module", params=["ant", "hexapod"])
+def table(request: pytest.FixtureRequest) -> ClassTable:
+    return dappo_batch.compile_class_table(request.param, max_damaged_limbs=1)
+
+
+def states(table: ClassTable, count: int) -> NDArray[np.float64]:
+    """Return the reference pose, `count` times."""
+    return np.tile(table.models[0].qpos0, (count, 1))
+
+
+def event(step: int, kind: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401
+    return {"robot": 0, "step": step, "event": kind, **more}
+
+
+def diagnosed(step: int, damage_class: int, confidence: float, accepted: bool = True) -> dict[str, Any]:
+    return event(step, "diagnosed", **{"class": damage_class}, confidence=confidence, accepted=accepted)
+
+
+def test_the_caption_says_what_the_controller_believes_in_every_state() -> None:
+    events = [
+        event(2, "suspected"),
+        diagnosed(4, 2, 0.97),
+        event(4, "adapted", **{"class": 2}),
+        event(6, "suspected"),
+        diagnosed(7, 1, 0.31, accepted=False),
+        event(8, "readings_lost", faults=3),
+        event(9, "readings_back"),
+        event(10, "withdrawn", **{"class": 2}, residual=0.4, healthy=0.2),
+        event(10, "adapted", **{"class": 0}),
+    ]
+    assert beliefs(events, NAMES, 11) == [
+        *(["healthy"] * 2),
+        *(["examining …"] * 2),
+        *(["diagnosis: missing_toe@0 (97 %)"] * 2),
+        "examining …",
+        "not sure: jammed_joint@0 (31 %)",
+        "not sure: jammed_joint@0 (31 %), readings lost",
+        "not sure: jammed_joint@0 (31 %)",
+        "not missing_toe@0: taken for healthy",
+    ]
+
+
+def test_the_caption_names_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(
+    table: ClassTable,
+) -> None:
+    dt = table.models[0].opt.timestep * table.robot.spec["frame_skip"]
+    second = round(1 / dt)
+    velocities = np.concatenate([np.full(second, 1.0), np.full(second, 3.0)])
+    walk = Walk(
+        table, states(table, 2 * second + 1), "missing_toe@1", 5, forward_velocity=velocities, note="a note"
+    )
+    said = captions(walk)
+    assert len(said) == 2 * second + 1
+    assert [caption.damage for caption in said[4:6]] == ["damage: none", "damage: missing_toe@1"]
+    assert [caption.damaged for caption in said[4:6]] == [False, True]
+    assert {caption.belief for caption in said} == {"a note"}
+    assert said[0].time == "0.0 s   step 0"
+    assert said[second].time == f"{second * dt:.1f} s   step {second}   1.00 m/s"
+    assert said[-1].time.endswith("3.00 m/s")
+    halfway = said[second + second // 2].time
+    assert 1.0 < float(halfway.split()[-2]) < 3.0
+
+
+def test_a_walk_without_velocities_and_controller_is_captioned_with_time_and_damage_alone(
+    table: ClassTable,
+) -> None:
+    (caption,) = captions(Walk(table, table.models[0].qpos0))
+    assert (caption.time, caption.damage, caption.belief) == ("0.0 s   step 0", "damage: none", "")
+
+
+@pytest.mark.parametrize("step_seconds", [0.05, 0.015, 0.004, 1.0])
+@pytest.mark.parametrize(("fastest", "unit"), [(30.0, None), (20.0, 0.01)])
+def test_pictures_show_the_state_of_their_time_and_never_come_too_fast(
+    step_seconds: float, fastest: float, unit: float | None
+) -> None:
+    plan = schedule(301, step_seconds, fastest=fastest, unit=unit)
+    assert plan.seconds >= 1 / fastest - 1e-12
+    if unit is not None:
+        assert plan.seconds / unit == pytest.approx(round(plan.seconds / unit))
+    assert plan.states[0] == 0
+    late = np.arange(len(plan.states)) * plan.seconds - np.array(plan.states) * step_seconds
+    assert (late > -1e-9).all()
+    assert (late < step_seconds + 1e-9).all()
+    # The film is as long as the walk.
+    assert 300 * step_seconds - len(plan.states) * plan.seconds < plan.seconds
+
+
+def test_limbs_turn_red_with_their_damage_and_all_else_keeps_its_colour(table: ClassTable) -> None:
+    damage_class = table.space.parse("missing_toe@1")
+    untouched = table.models[damage_class].geom_rgba.copy(), table.models[damage_class].geom_matid.copy()
+    model = painted(table, damage_class)
+    of_limb = np.isin(model.geom_bodyid, table.limb_bodies[1])
+    assert of_limb.any()
+    assert (model.geom_rgba[of_limb] == np.float32(RED)).all()
+    assert (model.geom_matid[of_limb] == -1).all()
+    np.testing.assert_array_equal(model.geom_matid[~of_limb], table.models[0].geom_matid[~of_limb])
+    np.testing.assert_array_equal(model.geom_rgba[~of_limb], table.models[0].geom_rgba[~of_limb])
+    healthy = painted(table, 0)
+    np.testing.assert_array_equal(healthy.geom_matid, table.models[0].geom_matid)
+    np.testing.assert_array_equal(table.models[damage_class].geom_rgba, untouched[0])
+    np.testing.assert_array_equal(table.models[damage_class].geom_matid, untouched[1])
+
+
+def test_a_scene_changes_to_the_damaged_robot_at_the_onset(table: ClassTable) -> None:
+    damage_class = table.space.parse("jammed_joint@2")
+    walk = Walk(table, states(table, 10), damage_class, 4)
+    shown = scene(walk, [0, 3, 4, 9], 64, 48)
+    assert shown.damage_classes == [0, 0, damage_class, damage_class]
+    assert set(shown.models) == {0, damage_class}
+    assert shown.qpos.shape == (4, table.models[0].nq)
+    # The damage is that of the class, not paint alone.
+    joints = shown.models[damage_class].jnt_range, table.models[damage_class].jnt_range
+    np.testing.assert_array_equal(*joints)
+
+
+def test_the_floor_has_no_end_and_tiles_as_large_as_before(table: ClassTable) -> None:
+    before, after = table.models[0], painted(table, 0)
+    (plane,) = np.flatnonzero(before.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    material = before.geom_matid[plane]
+    assert (after.geom_size[plane, :2] == 0).all()
+    # MuJoCo counts repeats along the whole plane, and those of an endless one per metre.
+    per_metre = before.mat_texrepeat[material] / (2 * before.geom_size[plane, :2])
+    np.testing.assert_allclose(after.mat_texrepeat[material], per_metre, rtol=1e-6)
+
+
+def test_the_camera_looks_at_the_standing_robot_as_the_one_of_the_mjcf_does(table: ClassTable) -> None:
+    model = table.models[0]
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    seen = view(table, states(table, 3), 0.05)
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation, camera.distance = seen.azimuth, seen.elevation, seen.distance
+    camera.lookat[:] = seen.lookat[1]
+    drawn = mujoco.MjvScene(model, 100)
+    options, perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
+    mujoco.mjv_updateScene(model, data, options, perturbation, camera, mujoco.mjtCatBit.mjCAT_ALL, drawn)
+    # Each of the two cameras is one eye; the scene's stand where MuJoCo puts them.
+    place = np.mean([eye.pos for eye in drawn.camera], axis=0)
+    ahead = np.mean([eye.forward for eye in drawn.camera], axis=0)
+    np.testing.assert_allclose(place, data.cam("track").xpos, atol=1e-5)
+    np.testing.assert_allclose(ahead, -data.cam("track").xmat.reshape(3, 3)[:, 2], atol=1e-5)
+    assert seen.fovy == model.cam_fovy[0]
+
+
+def test_the_camera_follows_the_way_and_not_the_gait(table: ClassTable) -> None:
+    walk = states(table, 200)
+    walk[:, 0] = 0.04 * np.arange(200)
+    walk[:, 2] += 0.1 * np.sin(np.arange(200))
+    seen = view(table, walk, 0.05)
+    np.testing.assert_allclose(np.diff(seen.lookat[:, 0]), 0.04, atol=1e-9)
+    assert np.ptp(seen.lookat[:, 2]) == 0
+    swaying = walk.copy()
+    swaying[:, 1] = 0.2 * (-1.0) ** np.arange(200)
+    assert np.ptp(view(table, swaying, 0.05).lookat[20:-20, 1]) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"damage": "missing_toe@9"}, ConfigError, "missing_toe@9"),
+        ({"onset": -1}, ConfigError, "onset must be at least 0, got -1"),
+        ({"qpos": np.zeros((3, 4))}, ShapeError, r"qpos has shape \(3, 4\), expected \[T \+ 1, 15\]"),
+        ({"qpos": np.zeros((0, 15))}, ShapeError, r"qpos has shape \(0, 15\)"),
+        ({"qpos": np.full((3, 15), np.nan)}, ShapeError, "not finite"),
+        ({"forward_velocity": np.zeros(3)}, ShapeError, r"shape \(3,\), expected \[2\]"),
+    ],
+)
+def test_a_walk_that_fits_together_badly_is_refused(
+    change: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    ant = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
+    fitting: dict[str, Any] = {"qpos": states(ant, 3), "forward_velocity": np.zeros(2)}
+    with pytest.raises(error, match=message):
+        Walk(ant, **(fitting | change))
