@@ -134,3 +134,12 @@ class PhysicsOverflowError(RuntimeError):
 )
 def test_errors_of_the_device_say_what_to_do(error: Exception, message: str) -> None:
     assert devices.explain(error).startswith(message)
+
+
+def test_a_learner_that_this_build_lacks_is_refused_before_there_is_a_run_folder(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run = tmp_path / "run"
+    assert run_cli(["train", "--learner", "wgpu", "--run", str(run)]) == 1
+    assert "build with the feature `wgpu`" in capfd.readouterr().err
+    assert not run.exists()

@@ -9,10 +9,10 @@ mod env_state;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
+use burn::tensor::Device;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::cpu;
 use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
@@ -148,9 +148,9 @@ impl Checkpoint {
         fs::read(&path).map(|bytes| format!("{:08x}", crc32fast::hash(&bytes))).map_err(io(&path))
     }
 
-    /// Reads the learner, which must have seen observations and taken actions of the same lengths.
-    pub fn learner(&self, config: &PpoConfig, sizes: Sizes) -> Result<Ppo> {
-        let ppo = Ppo::load(&self.folder, config, &cpu())?;
+    /// Reads the learner onto a device. It must have seen observations and taken actions of the same lengths.
+    pub fn learner(&self, config: &PpoConfig, sizes: Sizes, device: &Device) -> Result<Ppo> {
+        let ppo = Ppo::load(&self.folder, config, device)?;
         for (what, got, expected) in [
             ("length of an observation", ppo.actor_critic().obs_dim(), sizes.obs_dim),
             ("length of an action", ppo.actor_critic().action_dim(), sizes.action_dim),

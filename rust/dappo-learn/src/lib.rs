@@ -38,14 +38,8 @@ pub mod train;
 pub use actor::Actor;
 pub use error::{LearnError, Result};
 pub use gae::{Targets, gae};
-pub use nn::{ActorCritic, Decision};
+pub use nn::{ActorCritic, Decision, LearnerDevice, cpu};
 pub use normalizer::Normalizer;
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;
 pub use simulator::{Compute, Simulator};
-
-/// The device of networks on CPUs.
-#[must_use]
-pub fn cpu() -> burn::tensor::Device {
-    burn::tensor::Device::flex()
-}

@@ -183,3 +183,33 @@ fn a_rollout_of_another_shape_is_refused_by_name() {
     let message = ppo.update(&rollout, &targets).unwrap_err().to_string();
     assert!(message.starts_with("actions [T, N, A] has 1024 elements, expected 512"), "{message}");
 }
+
+/// In a build with the feature `wgpu`; without a Vulkan driver this fails, as a training there would.
+#[cfg(feature = "wgpu")]
+#[test]
+fn a_learner_goes_from_the_cpu_to_wgpu_and_back_and_learns_the_same() {
+    let near = |got: f64, expected: f64| {
+        assert!((got - expected).abs() < 1e-3 * (1.0 + expected.abs()), "{got}, expected {expected}");
+    };
+    let dir = temporary("wgpu");
+    let mut on_cpu = learner(&small());
+    train(&mut on_cpu);
+    on_cpu.save(&dir).unwrap();
+    let mut on_gpu = Ppo::load(&dir, &small(), &dappo_learn::LearnerDevice::Wgpu.open().unwrap()).unwrap();
+    for iteration in 1..3 {
+        let rollout = play(&on_cpu, iteration);
+        let targets = gae(&rollout, 0.995, 0.98).unwrap();
+        let (expected, got) =
+            (on_cpu.update(&rollout, &targets).unwrap(), on_gpu.update(&rollout, &targets).unwrap());
+        near(got.policy_loss, expected.policy_loss);
+        near(got.value_loss, expected.value_loss);
+        near(got.kl, expected.kl);
+    }
+    on_gpu.save(&dir).unwrap();
+    let returned = Ppo::load(&dir, &small(), &Device::flex()).unwrap();
+    let (got, expected) = (play(&returned, 9), play(&on_cpu, 9));
+    for (got, expected) in [(&got.means, &expected.means), (&got.values, &expected.values)] {
+        got.iter().zip(expected).for_each(|(got, expected)| near(f64::from(*got), f64::from(*expected)));
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}

@@ -3,6 +3,7 @@
 
 pub mod actor_critic;
 mod adam;
+mod device;
 pub mod diagnoser;
 mod fused;
 mod host;
@@ -13,6 +14,7 @@ pub mod mlp;
 
 pub use actor_critic::{ActorCritic, Decision, GaussianPolicy};
 pub use adam::fused_adam;
+pub use device::{LearnerDevice, cpu};
 pub use diagnoser::DiagnoserNet;
 pub(crate) use host::{read, scalar};
 pub use lstm::EmbeddedLstm;

@@ -3,11 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Result};
+use crate::nn::LearnerDevice;
 
 /// Settings of PPO. "Paper" marks values that Verma et al. (2019) state; the others are ours.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoConfig {
+    /// `cpu` or `wgpu`: where the networks are computed.
+    pub device: LearnerDevice,
     /// Hidden layers of both networks (paper).
     pub hidden: Vec<usize>,
     /// What a 1 of the damage code becomes in the input of the networks, whose other entries have variance 1
@@ -47,6 +50,7 @@ impl Default for PpoConfig {
     /// The preset `paper`.
     fn default() -> Self {
         Self {
+            device: LearnerDevice::Cpu,
             hidden: vec![100, 200, 100],
             code_scale: 1.0,
             gamma: 0.995,

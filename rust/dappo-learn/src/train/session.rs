@@ -2,7 +2,6 @@
 
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
-use crate::cpu;
 use crate::envs::{EnvFactory, Sizes};
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
@@ -30,9 +29,10 @@ impl Session {
         let sizes = factory.sizes(config)?;
         let Sizes { obs_dim, code_length, action_dim } = sizes;
         let num_envs = config.env.num_envs;
+        let device = config.ppo.device.open()?;
         Ok(Self {
             engine: factory.engine(config)?,
-            ppo: Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &cpu())?,
+            ppo: Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?,
             episodes: EpisodeTracker::new(num_envs),
             progress: Progress { iteration: 0, env_steps: 0, stage: 0 },
             sizes,
@@ -46,7 +46,7 @@ impl Session {
     /// Goes back to the newest checkpoint of the run.
     pub fn load(&mut self, run: &RunFolder, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
-        self.ppo = checkpoint.learner(&config.ppo, self.sizes)?;
+        self.ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
         self.episodes = checkpoint.restore_envs(self.engine.as_mut())?;
         self.progress = checkpoint.progress;
         // Stage 0 until `enter_stage` sees the difference and sets the class distribution.

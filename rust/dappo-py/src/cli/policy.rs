@@ -1,10 +1,10 @@
 //! Loading the newest policy of a run.
 
-use dappo_learn::Ppo;
 use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
+use dappo_learn::{Ppo, cpu};
 
 use crate::factory::TableFactory;
 
@@ -21,7 +21,7 @@ pub struct LoadedPolicy {
 pub fn load(run: &RunFolder, config: &Config, factory: &TableFactory) -> dappo_learn::Result<LoadedPolicy> {
     let checkpoint = Checkpoint::newest(&run.checkpoints(), &factory.robot().name)?;
     Ok(LoadedPolicy {
-        ppo: checkpoint.learner(&config.ppo, factory.sizes(config)?)?,
+        ppo: checkpoint.learner(&config.ppo, factory.sizes(config)?, &cpu())?,
         env_steps: checkpoint.progress.env_steps,
         fingerprint: checkpoint.fingerprint()?,
     })

@@ -57,6 +57,7 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
         ("env.device", &arguments.device),
         ("env.backend", &arguments.backend),
         ("env.precision", &arguments.precision),
+        ("ppo.device", &arguments.learner),
         ("env.reward", &arguments.reward),
         ("env.physics", &arguments.physics),
     ] {

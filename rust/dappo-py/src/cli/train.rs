@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use dappo_learn::LearnerDevice;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
@@ -30,6 +31,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     // What cannot be used is to be known before there is a run folder.
     config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
     config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
+    config.ppo.device.open().map_err(|error| from_learn(&error))?;
     let factory = TableFactory::compile(py, &config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
@@ -72,7 +74,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
     Ok(0)
 }
 
-/// Opens a run to go on with; `--steps` may extend its budget.
+/// Opens a run to go on with; `--steps` may extend its budget, and another machine may have other threads and devices
+/// of networks.
 fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(RunFolder, Config)> {
     let (run, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
     if let Some(steps) = arguments.config.steps {
@@ -80,6 +83,9 @@ fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(RunFolder, Config)>
     }
     if let Some(threads) = arguments.config.threads {
         config.env.threads = Some(threads as usize);
+    }
+    if let Some(device) = &arguments.config.learner {
+        config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
     }
     Ok((run, config))
 }

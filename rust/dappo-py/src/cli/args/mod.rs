@@ -9,6 +9,7 @@ mod render;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use dappo_learn::LearnerDevice;
 use dappo_learn::evaluate::Encoding;
 
 pub use adapt::AdaptArgs;
@@ -96,6 +97,9 @@ pub struct ConfigArgs {
     /// Precision of the backend lanes
     #[arg(long, value_parser = PRECISIONS)]
     pub precision: Option<String>,
+    /// Where to compute the networks; wgpu needs a build with that feature
+    #[arg(long, value_parser = LearnerDevice::ALL.map(LearnerDevice::name))]
+    pub learner: Option<String>,
     /// Worker threads [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub threads: Option<i64>,
