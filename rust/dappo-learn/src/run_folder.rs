@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
-use crate::metrics::{Metrics, MetricsFile};
+use crate::metrics::{Metrics, MetricsLog};
 use crate::simulator::Simulator;
 
 /// The folder of one training run.
@@ -104,8 +104,8 @@ impl RunFolder {
         fs::read_to_string(&path).map_err(io(&path))
     }
 
-    fn metrics(&self) -> MetricsFile {
-        MetricsFile::new(self.root.join("metrics.jsonl"))
+    fn metrics(&self) -> MetricsLog {
+        MetricsLog::new(&self.root, "env_steps")
     }
 
     /// Notes a new budget of env steps in `config.toml`.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::DiagnoserConfig;
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_atomically};
-use crate::metrics::MetricsFile;
+use crate::metrics::MetricsLog;
 
 /// The folder of one training.
 #[derive(Debug, Clone)]
@@ -72,7 +72,7 @@ impl TrainingFolder {
 
     /// The metrics, one line an epoch.
     #[must_use]
-    pub fn metrics(&self) -> MetricsFile {
-        MetricsFile::new(self.root.join("metrics.jsonl"))
+    pub fn metrics(&self) -> MetricsLog {
+        MetricsLog::new(&self.root, "epoch")
     }
 }
