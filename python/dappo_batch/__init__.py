@@ -17,6 +17,15 @@ from dappo_batch._core import (
     SimulationError,
 )
 from dappo_batch.class_table import ClassTable, compile_class_table
+from dappo_batch.commands import (
+    adapt,
+    collect_pairs,
+    evaluate,
+    evaluate_diagnoser,
+    resume,
+    train,
+    train_diagnoser,
+)
 from dappo_batch.controller import Controller
 from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
 from dappo_batch.policy import Policy
@@ -38,9 +47,16 @@ __all__ = [
     "ShapeError",
     "SimulationError",
     "__version__",
+    "adapt",
+    "collect_pairs",
     "compile_class_table",
+    "evaluate",
+    "evaluate_diagnoser",
     "load_robot",
     "make_vec",
+    "resume",
+    "train",
+    "train_diagnoser",
 ]
 
 __version__ = version("dappo-batch")

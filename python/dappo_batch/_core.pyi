@@ -1,6 +1,6 @@
 """The Rust core: damage classes, the vector env, the command line and the exceptions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, final
 
@@ -25,6 +25,7 @@ __all__ = [
     "__version__",
     "collect_rollout",
     "run_cli",
+    "run_command",
 ]
 
 __version__: str
@@ -228,3 +229,6 @@ class Policy:
 
 def collect_rollout(arguments: Sequence[str]) -> dict[str, NDArray[Any]]: ...
 def run_cli(argv: Sequence[str]) -> int: ...
+def run_command(
+    arguments: Sequence[str], callback: Callable[[dict[str, Any]], object] | None = None
+) -> None: ...

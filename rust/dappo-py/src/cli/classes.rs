@@ -5,10 +5,10 @@ use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::ClassesArgs;
-use super::console;
+use super::{Caller, console};
 use crate::errors::{Kind, from_sim, raise};
 
-pub fn run(py: Python<'_>, arguments: &ClassesArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult<i32> {
     let robots = py.import("dappo_batch.robots")?;
     let name = match &arguments.robot {
         Some(name) => name.clone(),
@@ -39,7 +39,7 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs) -> PyResult<i32> {
             .iter()
             .map(|class| json!({"id": class.id, "name": class.name, "group": class.group, "code": code(class)}))
             .collect();
-        console::print_line(&json!(rows).to_string());
+        caller.object(&rows);
         return Ok(0);
     }
     console::print_line(&format!("{:>4}  {:<40}  {:<8}  code", "id", "name", "group"));

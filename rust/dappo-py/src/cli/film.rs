@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::{console, signals};
+use super::{Caller, console};
 use crate::factory::{TableFactory, to_python};
 
 /// Who walks, as far as the captions say so.
@@ -44,8 +44,8 @@ fn render(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
 
 impl Film<'_> {
     /// Draws it into a file.
-    pub fn write(&self, py: Python<'_>, path: &Path) -> PyResult<()> {
-        signals::leave_to_python(py)?;
+    pub fn write(&self, py: Python<'_>, path: &Path, caller: &Caller) -> PyResult<()> {
+        caller.leave_to_python(py)?;
         let pictures: usize = render(py)?.call_method1("write", (path, self.in_python(py)?))?.extract()?;
         let steps = self.walk.velocities.len();
         console::note(&format!("{}: pictures {pictures}, steps {steps}", path.display()));
@@ -53,8 +53,8 @@ impl Film<'_> {
     }
 
     /// Shows it in a window until that is closed.
-    pub fn show(&self, py: Python<'_>) -> PyResult<()> {
-        signals::leave_to_python(py)?;
+    pub fn show(&self, py: Python<'_>, caller: &Caller) -> PyResult<()> {
+        caller.leave_to_python(py)?;
         render(py)?.call_method1("view", (self.in_python(py)?,)).map(drop)
     }
 

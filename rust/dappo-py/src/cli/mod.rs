@@ -2,6 +2,7 @@
 
 mod adapt;
 pub mod args;
+mod caller;
 mod classes;
 mod console;
 mod diagnose;
@@ -20,6 +21,7 @@ use clap::error::ErrorKind;
 use pyo3::prelude::*;
 
 use args::{Cli, Command, ForwardedArgs};
+pub use caller::Caller;
 
 const FAILED: i32 = 1;
 const BAD_USAGE: i32 = 2;
@@ -29,8 +31,7 @@ const INTERRUPTED: i32 = 130;
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
-    let cli = match Cli::try_parse_from(std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()))
-    {
+    let cli = match parse(&argv) {
         Ok(cli) => cli,
         Err(error) => {
             // Writing to a closed terminal can fail; the exit code still says what happened.
@@ -39,22 +40,32 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
             return if asked { 0 } else { BAD_USAGE };
         }
     };
-    let outcome = match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, &argv),
-        Command::Evaluate(arguments) => evaluate::run(py, arguments),
-        Command::Diagnose(arguments) => diagnose::run(py, arguments),
-        Command::Adapt(arguments) => adapt::run(py, arguments),
-        Command::Export(arguments) => export::run(py, arguments),
-        Command::Render(arguments) => render::run(py, arguments),
-        Command::View(arguments) => render::view(py, arguments),
-        Command::Classes(arguments) => classes::run(py, arguments),
-        Command::Config(arguments) => settings::print(py, arguments),
-        Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
-        Command::Doctor(arguments) => forward(py, "dappo_batch.doctor", arguments),
-    };
+    let outcome = run(py, &cli, &argv, &Caller::Terminal);
     let code = outcome.unwrap_or_else(|error| report(py, &error));
     // A Ctrl-C that a command has answered by itself still waits in Python, which would end with a trace.
     if py.check_signals().is_err() { INTERRUPTED } else { code }
+}
+
+/// Reads a command line, without the program's name.
+pub fn parse(argv: &[String]) -> Result<Cli, clap::Error> {
+    Cli::try_parse_from(std::iter::once("dappo-batch").chain(argv.iter().map(String::as_str)))
+}
+
+/// Runs a command; returns its exit code.
+pub fn run(py: Python<'_>, cli: &Cli, argv: &[String], caller: &Caller) -> PyResult<i32> {
+    match &cli.command {
+        Command::Train(arguments) => train::run(py, arguments, argv, caller),
+        Command::Evaluate(arguments) => evaluate::run(py, arguments, caller),
+        Command::Diagnose(arguments) => diagnose::run(py, arguments, caller),
+        Command::Adapt(arguments) => adapt::run(py, arguments, caller),
+        Command::Export(arguments) => export::run(py, arguments),
+        Command::Render(arguments) => render::run(py, arguments, caller),
+        Command::View(arguments) => render::view(py, arguments, caller),
+        Command::Classes(arguments) => classes::run(py, arguments, caller),
+        Command::Config(arguments) => settings::print(py, arguments),
+        Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
+        Command::Doctor(arguments) => forward(py, "dappo_batch.doctor", arguments),
+    }
 }
 
 fn forward(py: Python<'_>, module: &str, arguments: &ForwardedArgs) -> PyResult<i32> {

@@ -8,12 +8,13 @@ use dappo_learn::metrics::Metrics;
 use dappo_learn::train::Observer;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::console;
+use super::{Caller, console};
 
 /// Shows iterations and passes Ctrl-C on.
-pub struct Display {
+pub struct Display<'a> {
     bar: ProgressBar,
-    json: bool,
+    /// Gets one object an iteration, instead of a person a progress bar.
+    objects: Option<&'a Caller>,
     interrupted: Arc<AtomicBool>,
     iterations: u64,
     steps_an_iteration: u64,
@@ -21,17 +22,18 @@ pub struct Display {
     diverged: u64,
 }
 
-impl Display {
+impl<'a> Display<'a> {
     /// A progress bar on a terminal, or one JSON object an iteration.
-    pub fn new(config: &Config, json: bool, interrupted: Arc<AtomicBool>) -> Self {
-        let bar = if json { ProgressBar::hidden() } else { ProgressBar::new(config.total_steps) };
+    pub fn new(config: &Config, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
+        let bar =
+            if objects.is_some() { ProgressBar::hidden() } else { ProgressBar::new(config.total_steps) };
         if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
             bar.set_style(style);
         }
         let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
         Self {
             bar,
-            json,
+            objects,
             interrupted,
             iterations: config.total_steps.div_ceil(steps_an_iteration),
             steps_an_iteration,
@@ -43,7 +45,7 @@ impl Display {
     /// Removes the bar, and says what went wrong on the way.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
-        if self.diverged > 0 && !self.json {
+        if self.diverged > 0 && self.objects.is_none() {
             console::note(&format!(
                 "divergences of the physics: {}; each ended its episode, and `diverged` in metrics.jsonl says when",
                 self.diverged
@@ -52,13 +54,11 @@ impl Display {
     }
 }
 
-impl Observer for Display {
+impl Observer for Display<'_> {
     fn iteration(&mut self, metrics: &Metrics) {
         self.diverged += metrics.diverged;
-        if self.json {
-            if let Ok(line) = serde_json::to_string(metrics) {
-                console::print_line(&line);
-            }
+        if let Some(caller) = self.objects {
+            caller.object(metrics);
             return;
         }
         self.last_forward = metrics.episodes.forward_reward.or(self.last_forward);

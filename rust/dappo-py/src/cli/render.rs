@@ -12,25 +12,26 @@ use pyo3::prelude::*;
 
 use super::args::{RenderArgs, WalkArgs};
 use super::film::{self, Film, Walker};
-use super::{INTERRUPTED, policy, settings, signals};
+use super::{Caller, INTERRUPTED, policy, settings};
 use crate::controller::Parts;
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 
-pub fn run(py: Python<'_>, arguments: &RenderArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<i32> {
     film::check(py, &arguments.out)?;
-    film_walk(py, &arguments.walk, |film| film.write(py, &arguments.out))
+    film_walk(py, &arguments.walk, caller, |film| film.write(py, &arguments.out, caller))
 }
 
-pub fn view(py: Python<'_>, arguments: &WalkArgs) -> PyResult<i32> {
+pub fn view(py: Python<'_>, arguments: &WalkArgs, caller: &Caller) -> PyResult<i32> {
     film::check_screen(py)?;
-    film_walk(py, arguments, |film| film.show(py))
+    film_walk(py, arguments, caller, |film| film.show(py, caller))
 }
 
 /// Lets a robot walk and hands over the film.
 fn film_walk(
     py: Python<'_>,
     arguments: &WalkArgs,
+    caller: &Caller,
     show: impl FnOnce(&Film<'_>) -> PyResult<()>,
 ) -> PyResult<i32> {
     let (folder, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
@@ -44,7 +45,7 @@ fn film_walk(
         seed: arguments.seed as u64,
         filmed: true,
     };
-    let interrupted = signals::watch()?;
+    let interrupted = caller.watch()?;
     let walked = py.detach(|| walk(arguments, &folder, &config, &factory, &trial, &interrupted));
     let Some((walks, walker)) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
     if let Some(walk) = walks.episodes.first() {

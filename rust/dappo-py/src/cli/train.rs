@@ -16,12 +16,12 @@ use pyo3::prelude::*;
 use super::args::TrainArgs;
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
-use super::{INTERRUPTED, console, settings, signals};
+use super::{Caller, INTERRUPTED, console, settings};
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 use crate::warp;
 
-pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
         let (run, config) = reopen(folder, arguments)?;
         (config, Some(run))
@@ -45,8 +45,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String]) -> PyResult<i
         console::note(&factory.describe(config.env.compute()));
     }
 
-    let interrupted = signals::watch()?;
-    let mut display = Display::new(&config, arguments.json, Arc::clone(&interrupted));
+    let interrupted = caller.watch()?;
+    let objects = arguments.json.then_some(caller);
+    let mut display = Display::new(&config, objects, Arc::clone(&interrupted));
     let outcome = py.detach(|| train(&config, &factory, &run, resume, &mut display));
     display.finish();
     let outcome = outcome.map_err(|error| from_learn(&error))?;

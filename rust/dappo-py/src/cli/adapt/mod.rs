@@ -16,7 +16,7 @@ use serde_json::json;
 
 use super::args::AdaptArgs;
 use super::film::{self, Film, Walker};
-use super::{INTERRUPTED, console, policy, settings, signals};
+use super::{Caller, INTERRUPTED, policy, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
@@ -32,14 +32,14 @@ struct Scene {
     vocabulary: Vocabulary,
 }
 
-pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
     let wanted = arguments.controller.config().map_err(|error| from_learn(&error))?;
     if let Some(path) = &arguments.video {
         film::check(py, path)?;
     }
     let scene = Scene::open(py, arguments)?;
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
-    let interrupted = signals::watch()?;
+    let interrupted = caller.watch()?;
     let walked = py.detach(|| scene.walk(arguments, wanted, &trial, &interrupted));
     let Some(contest) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
     let summary = scene.conclude(arguments, &trial, &contest).map_err(|error| from_learn(&error))?;
@@ -49,9 +49,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
         } else {
             contest.adapted.episodes.iter().map(|walk| &walk.events).collect()
         };
-        console::print_line(
-            &json!({ "trial": trial_json(&trial), "summary": summary, "events": events }).to_string(),
-        );
+        caller.object(&json!({ "trial": trial_json(&trial), "summary": summary, "events": events }));
     } else {
         show::show(&summary, &contest, &trial, &scene.vocabulary.known_names);
     }
@@ -59,7 +57,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<i32> {
     if let (Some(path), Some(walk)) = (&arguments.video, contest.adapted.episodes.first()) {
         let walker = Walker::Controller(scene.vocabulary.known_names.clone());
         let film = Film { walk, onset: trial.onset, walker, factory: &scene.real };
-        film.write(py, path)?;
+        film.write(py, path, caller)?;
     }
     Ok(0)
 }

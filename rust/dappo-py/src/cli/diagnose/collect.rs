@@ -18,11 +18,11 @@ use serde_json::json;
 
 use crate::cli::args::CollectArgs;
 use crate::cli::policy::{self, LoadedPolicy};
-use crate::cli::{INTERRUPTED, console, settings, signals};
+use crate::cli::{Caller, INTERRUPTED, console, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
-pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
     let (folder, mut config) = RunFolder::open(&arguments.expert).map_err(|error| from_learn(&error))?;
     settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
     let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
@@ -36,7 +36,7 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
     if !arguments.json {
         console::note(&describe(arguments, &wanted, &factory));
     }
-    let mut display = Display::new(arguments, &wanted, &factory, signals::watch()?);
+    let mut display = Display::new(arguments, &wanted, &factory, caller.watch()?);
     let start = Instant::now();
     let collected = py
         .detach(|| collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display))
@@ -46,11 +46,10 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs) -> PyResult<i32> {
     let seconds = start.elapsed().as_secs_f64();
     let (out, rollouts) = (arguments.out.display(), collected.rollouts);
     if arguments.json {
-        let report = json!({
+        caller.object(&json!({
             "data": arguments.out, "rollouts": rollouts, "classes": factory.space().classes().len(),
             "seconds": seconds, "diverged": collected.diverged, "interrupted": collected.interrupted,
-        });
-        console::print_line(&report.to_string());
+        }));
     } else {
         if collected.diverged > 0 {
             console::note(&format!(

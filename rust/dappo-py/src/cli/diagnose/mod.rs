@@ -9,14 +9,15 @@ use dappo_learn::config::Layers;
 use dappo_learn::diagnose::DiagnoserConfig;
 use pyo3::prelude::*;
 
+use super::Caller;
 use super::args::{DiagnoseArgs, DiagnoseCommand};
 
-pub fn run(py: Python<'_>, arguments: &DiagnoseArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &DiagnoseArgs, caller: &Caller) -> PyResult<i32> {
     match &arguments.command {
-        DiagnoseCommand::Collect(arguments) => collect::run(py, arguments),
-        DiagnoseCommand::Train(arguments) => train::run(py, arguments),
-        DiagnoseCommand::Test(arguments) => test::run(py, arguments),
-        DiagnoseCommand::Sweep(arguments) => sweep::run(py, arguments),
+        DiagnoseCommand::Collect(arguments) => collect::run(py, arguments, caller),
+        DiagnoseCommand::Train(arguments) => train::run(py, arguments, caller),
+        DiagnoseCommand::Test(arguments) => test::run(py, arguments, caller),
+        DiagnoseCommand::Sweep(arguments) => sweep::run(py, arguments, caller),
     }
 }
 

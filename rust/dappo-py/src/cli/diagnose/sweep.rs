@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::Parser;
 use dappo_learn::Result;
 use dappo_learn::config::Layers;
 use dappo_learn::diagnose::Method;
@@ -14,14 +13,14 @@ use dappo_learn::run_folder::RunFolder;
 use pyo3::prelude::*;
 
 use super::settings;
-use crate::cli::args::{Cli, Command, DiagnoseCommand, SweepArgs};
-use crate::cli::{INTERRUPTED, console, signals, train};
+use crate::cli::args::{Command, DiagnoseCommand, SweepArgs};
+use crate::cli::{self, Caller, INTERRUPTED, console, train};
 use crate::errors::{Kind, from_learn, raise};
 
 /// Seed of the test rollouts; training rollouts have seed 0.
 const TEST_SEED: &str = "1000000";
 
-pub fn run(py: Python<'_>, arguments: &SweepArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i32> {
     let grid = grid(arguments).map_err(|error| from_learn(&error))?;
     let base = settings(Layers::default(), &arguments.set).map_err(|error| from_learn(&error))?;
     let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
@@ -52,7 +51,7 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs) -> PyResult<i32> {
     commands.push(collect(most(&grid.rollouts), "0", &pairs));
     commands.push(collect(arguments.test_rollouts.to_string(), TEST_SEED, &test));
     for command in commands {
-        let code = give(py, &command)?;
+        let code = give(py, &command, caller)?;
         if code != 0 {
             return Ok(code);
         }
@@ -60,7 +59,7 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs) -> PyResult<i32> {
     let open = |folder: &Path| Dataset::open(folder).map_err(|error| from_learn(&error));
     let (pairs, test) = (open(&pairs)?, open(&test)?);
     let subject = &pairs.header().subject;
-    let watcher = Watcher { interrupted: signals::watch()? };
+    let watcher = Watcher { interrupted: caller.watch()? };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = arguments.jobs.map_or(cores, |jobs| jobs as usize);
     let data = SweepData { subject, pairs: &pairs, test: &test };
@@ -121,15 +120,13 @@ fn text(path: &Path) -> String {
 }
 
 /// Gives a command as a user would; returns its exit code.
-fn give(py: Python<'_>, command: &[String]) -> PyResult<i32> {
+fn give(py: Python<'_>, command: &[String], caller: &Caller) -> PyResult<i32> {
     console::note(&format!("dappo-batch {}", command.join(" ")));
-    let program = "dappo-batch".to_owned();
-    let cli = Cli::try_parse_from([&[program], command].concat())
-        .map_err(|error| raise(Kind::Config, error.to_string()))?;
+    let cli = cli::parse(command).map_err(|error| raise(Kind::Config, error.to_string()))?;
     match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, command),
+        Command::Train(arguments) => train::run(py, arguments, command, caller),
         Command::Diagnose(arguments) => match &arguments.command {
-            DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments),
+            DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments, caller),
             _ => Ok(0),
         },
         _ => Ok(0),

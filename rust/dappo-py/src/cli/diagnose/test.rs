@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::with_threads;
 use crate::cli::args::TestDiagnoserArgs;
-use crate::cli::{INTERRUPTED, console, policy, signals};
+use crate::cli::{Caller, INTERRUPTED, console, policy};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 
@@ -27,9 +27,9 @@ struct Tested {
     cost: Option<Cost>,
 }
 
-pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
     let follower = arguments.policy.as_deref().map(|run| Follower::open(py, run, arguments)).transpose()?;
-    let interrupted = signals::watch()?;
+    let interrupted = caller.watch()?;
     let tested = py.detach(|| {
         with_threads(arguments.threads, || test_all(arguments, follower.as_ref(), &interrupted))
             .and_then(|tested| tested)
@@ -45,7 +45,7 @@ pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<i32> {
                 })
             })
             .collect();
-        console::print_line(&serde_json::Value::from(objects).to_string());
+        caller.object(&objects);
     } else if let [only] = tested.as_slice() {
         show_classes(&only.report);
         show_summary(only);

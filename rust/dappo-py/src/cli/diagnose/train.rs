@@ -13,17 +13,17 @@ use pyo3::prelude::*;
 
 use super::{settings, with_threads};
 use crate::cli::args::TrainDiagnoserArgs;
-use crate::cli::{INTERRUPTED, console, signals};
+use crate::cli::{Caller, INTERRUPTED, console};
 use crate::errors::from_learn;
 
-pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
     let data = Dataset::open(&arguments.data).map_err(|error| from_learn(&error))?;
     let subject = &data.header().subject;
     let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
     if !arguments.json {
         console::note(&describe(&config, &data, &folder));
     }
-    let mut display = Display::new(&config, arguments.json, signals::watch()?);
+    let mut display = Display::new(&config, arguments.json.then_some(caller), caller.watch()?);
     let resume = arguments.resume.is_some();
     let outcome = py.detach(|| {
         with_threads(arguments.threads, || {
@@ -115,24 +115,29 @@ fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -
 }
 
 /// Shows epochs and passes Ctrl-C on.
-struct Display {
+struct Display<'a> {
     bar: ProgressBar,
-    json: bool,
+    /// Gets one object an epoch, instead of a person a progress bar.
+    objects: Option<&'a Caller>,
     interrupted: Arc<AtomicBool>,
     last: String,
 }
 
-impl Display {
-    fn new(config: &DiagnoserConfig, json: bool, interrupted: Arc<AtomicBool>) -> Self {
-        let bar = if json { ProgressBar::hidden() } else { ProgressBar::new(1000 * config.epochs as u64) };
+impl<'a> Display<'a> {
+    fn new(config: &DiagnoserConfig, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
+        let bar = if objects.is_some() {
+            ProgressBar::hidden()
+        } else {
+            ProgressBar::new(1000 * config.epochs as u64)
+        };
         if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
             bar.set_style(style);
         }
-        Self { bar, json, interrupted, last: String::new() }
+        Self { bar, objects, interrupted, last: String::new() }
     }
 }
 
-impl Observer for Display {
+impl Observer for Display<'_> {
     fn progress(&mut self, progress: &EpochProgress) {
         let EpochProgress { epoch, epochs, samples, samples_per_epoch, samples_per_second, train_loss } =
             progress;
@@ -145,10 +150,8 @@ impl Observer for Display {
     }
 
     fn epoch(&mut self, metrics: &EpochMetrics) {
-        if self.json {
-            if let Ok(line) = serde_json::to_string(metrics) {
-                console::print_line(&line);
-            }
+        if let Some(caller) = self.objects {
+            caller.object(metrics);
             return;
         }
         self.last = format!(" · validated {:.2} %", 100.0 * metrics.validation_accuracy);

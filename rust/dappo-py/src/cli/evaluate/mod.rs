@@ -13,15 +13,15 @@ use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::EvaluateArgs;
-use super::{INTERRUPTED, console, signals};
+use super::{Caller, INTERRUPTED, console};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use runs::LoadedRun;
 pub use show::show;
 
-pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
     let encoding = Encoding::parse(&arguments.encoding).map_err(|error| from_learn(&error))?;
-    let interrupted = signals::watch()?;
+    let interrupted = caller.watch()?;
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
     let runs = runs::load(py, arguments, &arguments.runs, encoding, None)?;
     let others = runs::load(py, arguments, &arguments.compare, Encoding::True, runs.first())?;
@@ -52,8 +52,7 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs) -> PyResult<i32> {
         Some(comparison.map_err(|error| from_learn(&error))?)
     };
     if arguments.json {
-        let report = json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison });
-        console::print_line(&report.to_string());
+        caller.object(&json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison }));
     } else if let Some(comparison) = comparison {
         show::comparison(&comparison.summary);
     } else if several {

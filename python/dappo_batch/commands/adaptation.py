@@ -1,0 +1,76 @@
+"""Damage in mid-walk."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import fspath
+from typing import Any, Unpack
+
+from dappo_batch.commands.invoke import invoke, only
+from dappo_batch.commands.options import Folder, Simulation
+
+__all__ = ["adapt"]
+
+
+def adapt(
+    run: Folder,
+    diagnoser: Folder,
+    *,
+    damage: str | None = None,
+    at: int = 300,
+    episodes: int = 20,
+    seed: int = 0,
+    expert: Folder | None = None,
+    unaware: Folder | None = None,
+    log: Folder | None = None,
+    controller: Mapping[str, Any] | None = None,
+    set: Mapping[str, Any] | None = None,
+    **simulation: Unpack[Simulation],
+) -> dict[str, Any]:
+    """Let damage strike in mid-walk, and see how a controller finds out and walks on.
+
+    Parameters
+    ----------
+    run, diagnoser
+        Run folder of a damage-aware policy, and folder of a diagnoser.
+    damage
+        The damage that strikes; every class in turn if left out.
+    at
+        Step at which it strikes.
+    episodes
+        Episodes a damage class.
+    seed
+        Seed of the initial states.
+    expert
+        Run folder of the policy that walks during a diagnosis; `run` itself if left out.
+    unaware
+        Run folder of a policy to compare with.
+    log
+        File for the first episode step by step, as CSV.
+    controller
+        Settings of the controller.
+    set
+        Settings of the robot that the controller knows nothing of.
+    **simulation
+        See `Simulation`.
+
+    Returns
+    -------
+    dict
+        ``trial``, ``summary`` and, for a single damage, ``events`` of each episode.
+    """
+    options = {
+        "diagnoser": diagnoser,
+        "damage": damage,
+        "all_classes": damage is None,
+        "at": at,
+        "episodes": episodes,
+        "seed": seed,
+        "expert": expert,
+        "unaware": unaware,
+        "log": log,
+        "controller": controller,
+        "set": set,
+        **simulation,
+    }
+    return only(invoke(["adapt", fspath(run)], options))

@@ -1,0 +1,53 @@
+"""From arguments of functions to a command line, and from what it prints to results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from typing import Any
+
+from dappo_batch._core import run_command
+from dappo_batch.commands.options import Callback
+
+__all__ = ["invoke", "only"]
+
+
+def invoke(
+    command: list[str], options: Mapping[str, Any], callback: Callback | None = None
+) -> list[dict[str, Any]]:
+    """Run a command and return the objects that it would print."""
+    objects: list[dict[str, Any]] = []
+
+    def hear(told: dict[str, Any]) -> bool | None:
+        objects.append(told)
+        return callback(told) if callback else None
+
+    run_command([*command, "--json", *_flags(options)], hear)
+    return objects
+
+
+def only(objects: list[Any]) -> Any:  # noqa: ANN401 - whatever JSON can hold
+    """Return the one object of a command that prints one."""
+    (told,) = objects
+    return told
+
+
+def _flags(options: Mapping[str, Any]) -> list[str]:
+    """Return options as the command line has them; None and False are left out, and so is what is empty."""
+    flags: list[str] = []
+    for name, value in options.items():
+        flag = f"--{name.replace('_', '-')}"
+        if value is None or value is False:
+            continue
+        if value is True:
+            flags.append(flag)
+        elif isinstance(value, Mapping):
+            flags += (
+                [flag, *(f"{key}={json.dumps(setting)}" for key, setting in value.items())] if value else []
+            )
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            flags += [flag, *map(fspath, value)] if value else []
+        else:
+            flags += [flag, fspath(value) if isinstance(value, PathLike) else str(value)]
+    return flags

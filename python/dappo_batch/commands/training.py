@@ -1,0 +1,97 @@
+"""Training a policy, and evaluating it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import fspath
+from typing import Any, Unpack
+
+from dappo_batch.commands.invoke import invoke, only
+from dappo_batch.commands.options import Callback, Folder, Simulation, TrainingOptions
+from dappo_batch.runs import Run, load_run
+
+__all__ = ["evaluate", "resume", "train"]
+
+
+def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[TrainingOptions]) -> Run:
+    """Train a policy into a new run folder and evaluate it.
+
+    Parameters
+    ----------
+    run
+        The run folder; it must not hold a run.
+    callback
+        Told the metrics of each iteration.
+    **options
+        See `TrainingOptions`.
+
+    Returns
+    -------
+    Run
+        What `load_run` reads from the folder. A run that the callback stopped has no evaluation.
+
+    Raises
+    ------
+    ConfigError
+        If an option is unknown or out of range, or the folder holds a run.
+    SimulationError
+        If the simulation cannot be set up.
+    """
+    invoke(["train", "--run", fspath(run)], options, callback)
+    return load_run(run)
+
+
+def resume(
+    run: Folder,
+    *,
+    steps: int | None = None,
+    threads: int | None = None,
+    learner: str | None = None,
+    callback: Callback | None = None,
+) -> Run:
+    """Go on with a training from its newest checkpoint; `steps` may extend its budget.
+
+    Raises
+    ------
+    ConfigError
+        If the folder holds no run.
+    CheckpointError
+        If its checkpoint cannot be read.
+    """
+    options = {"steps": steps, "threads": threads, "learner": learner}
+    invoke(["train", "--resume", fspath(run)], options, callback)
+    return load_run(run)
+
+
+def evaluate(
+    *runs: Folder,
+    compare: Sequence[Folder] = (),
+    encoding: str = "true",
+    episodes: int | None = None,
+    seed: int | None = None,
+    **simulation: Unpack[Simulation],
+) -> dict[str, Any]:
+    """Run policies on every damage class; tables go into ``eval/`` of their runs.
+
+    Parameters
+    ----------
+    *runs
+        Run folders, seeds of one learner.
+    compare
+        Run folders of another learner.
+    encoding
+        What the policies of `runs` are told: ``true``, ``zero``, ``wrong`` or ``random``.
+    episodes
+        Episodes a damage class; those of the run's configuration if left out.
+    seed
+        Seed of the initial states.
+    **simulation
+        See `Simulation`.
+
+    Returns
+    -------
+    dict
+        ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
+    """
+    options = {"compare": compare, "encoding": encoding, "episodes": episodes, "seed": seed, **simulation}
+    return only(invoke(["evaluate", *map(fspath, runs)], options))

@@ -1,0 +1,53 @@
+//! Who gave a command: a person or script at a terminal, or a Python program in this process.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::Sender;
+
+use pyo3::prelude::*;
+use serde::Serialize;
+
+use super::{console, signals};
+
+/// Reads the objects that a command prints with `--json`, and stops it.
+#[derive(Clone)]
+pub enum Caller {
+    /// Objects go to standard output, one a line; Ctrl-C and `kill` stop the command.
+    Terminal,
+    /// Objects go to the thread that waits, which raises the flag to stop the command.
+    Program {
+        /// Texts of the objects.
+        objects: Sender<String>,
+        /// Whether to stop.
+        stop: Arc<AtomicBool>,
+    },
+}
+
+impl Caller {
+    /// Hands an object over. One that cannot be written as JSON, or that nobody waits for, is no error of the command.
+    pub fn object(&self, object: &impl Serialize) {
+        let Ok(text) = serde_json::to_string(object) else { return };
+        match self {
+            Self::Terminal => console::print_line(&text),
+            Self::Program { objects, .. } => {
+                let _ = objects.send(text);
+            }
+        }
+    }
+
+    /// The flag that says when to stop.
+    pub fn watch(&self) -> PyResult<Arc<AtomicBool>> {
+        match self {
+            Self::Terminal => signals::watch(),
+            Self::Program { stop, .. } => Ok(Arc::clone(stop)),
+        }
+    }
+
+    /// Ends the watch before Python code runs, which Ctrl-C ends with a `KeyboardInterrupt`.
+    pub fn leave_to_python(&self, py: Python<'_>) -> PyResult<()> {
+        match self {
+            Self::Terminal => signals::leave_to_python(py),
+            Self::Program { .. } => Ok(()),
+        }
+    }
+}

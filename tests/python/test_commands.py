@@ -1,0 +1,143 @@
+"""The commands as functions: they do what the command line does, and stop and fail as a program expects."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dappo_batch
+from dappo_batch import ConfigError
+from dappo_batch.commands import TrainingOptions
+
+from .command_line import ITERATION, TINY, metrics
+from .command_line import dappo_batch as command_line
+
+OPTIONS: TrainingOptions = {
+    "threads": 1,
+    "envs": 4,
+    "set": {
+        "horizon": 16,
+        "env.max_episode_steps": 20,
+        "ppo.hidden": [8],
+        "evaluation.episodes": 1,
+        "damage.max_damaged_limbs": 1,
+        "checkpoint.every": 3,
+    },
+}
+"""`TINY` in Python."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train by the command line for three iterations."""
+    run = tmp_path_factory.mktemp("commands") / "run"
+    command_line("train", "--run", run, "--steps", str(3 * ITERATION), *TINY)
+    return run
+
+
+def test_a_training_equals_that_of_the_command_line_and_tells_its_metrics(tmp_path: Path, run: Path) -> None:
+    told: list[dict[str, Any]] = []
+    trained = dappo_batch.train(tmp_path / "run", steps=3 * ITERATION, callback=told.append, **OPTIONS)
+    assert metrics(tmp_path / "run") == metrics(run)
+    assert [line["env_steps"] for line in told] == [ITERATION, 2 * ITERATION, 3 * ITERATION]
+    assert trained.metrics["kl"].tolist() == [line["kl"] for line in told]
+    with (run / "eval" / "per_class.csv").open(newline="") as file:
+        expected = [float(row["forward_reward"]) for row in csv.DictReader(file)]
+    assert trained.per_class["true"]["forward_reward"].tolist() == expected
+
+
+def test_a_callback_stops_a_training_that_goes_on_as_if_it_had_not_stopped(tmp_path: Path, run: Path) -> None:
+    stopped = dappo_batch.train(
+        tmp_path / "run", steps=3 * ITERATION, callback=lambda line: line["iteration"] < 1, **OPTIONS
+    )
+    assert len(stopped.metrics["iteration"]) < 3
+    assert not stopped.per_class
+    resumed = dappo_batch.resume(tmp_path / "run")
+    assert metrics(tmp_path / "run") == metrics(run)
+    assert len(resumed.per_class["true"]["name"]) == 9
+
+
+def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) -> None:
+    def fail(_: dict[str, Any]) -> None:
+        raise LookupError("of the callback")
+
+    with pytest.raises(LookupError, match="of the callback"):
+        dappo_batch.train(tmp_path / "run", steps=40 * ITERATION, callback=fail, **OPTIONS)
+    assert 0 < len(dappo_batch.load_run(tmp_path / "run").metrics["iteration"]) < 40
+
+
+def test_ctrl_c_stops_in_good_order_and_later_strikes_python_again(tmp_path: Path) -> None:
+    program = """
+import sys, dappo_batch
+options = {"threads": 1, "envs": 4, "set": {"horizon": 16, "ppo.hidden": [8]}}
+try:
+    dappo_batch.train(sys.argv[1], steps=10**9, callback=lambda line: print("line", flush=True), **options)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+try:
+    while True:
+        pass
+except KeyboardInterrupt:
+    print("again", flush=True)
+"""
+    command = [sys.executable, "-c", program, str(tmp_path / "run")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "line\n"
+        process.send_signal(signal.SIGINT)
+        while (line := process.stdout.readline()) == "line\n":
+            pass
+        assert line == "interrupted\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "again\n"
+        assert process.wait(timeout=60) == 0
+    saved = sorted((tmp_path / "run" / "checkpoints").iterdir())[-1].name
+    assert int(saved) == dappo_batch.load_run(tmp_path / "run").metrics["iteration"][-1]
+
+
+def test_an_evaluation_returns_what_the_command_line_prints(run: Path) -> None:
+    out, _ = command_line("evaluate", run, "--episodes", "1", "--json", "--threads", "1")
+    assert dappo_batch.evaluate(run, episodes=1, threads=1) == json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"envz": 4}, "unexpected argument '--envz'"),
+        ({"envs": 0}, "expected a whole number of at least 1"),
+        ({"set": {"ppo.gama": 0.9}}, "unknown field `gama`"),
+        ({"robot": "spider"}, "spider"),
+    ],
+)
+def test_bad_options_raise_and_leave_nothing_behind(
+    tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        dappo_batch.train(tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
+    files = dappo_batch.collect_pairs(run, tmp_path / "pairs", rollouts=6, timesteps=4, threads=1)
+    records = np.load(files[0], mmap_mode="r")
+    assert records["damaged"].shape[:3] == (6, 9, 4)
+    told: list[dict[str, Any]] = []
+    out = tmp_path / "diagnoser"
+    epochs = dappo_batch.train_diagnoser(
+        tmp_path / "pairs", out, method="A", set={"epochs": 2}, threads=1, callback=told.append
+    )
+    assert epochs == told
+    lines = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+    assert [line["train_loss"] for line in lines] == [epoch["train_loss"] for epoch in epochs]
+    dappo_batch.collect_pairs(run, tmp_path / "test", rollouts=2, timesteps=4, seed=7, threads=1)
+    (tested,) = dappo_batch.evaluate_diagnoser(out, data=[tmp_path / "test"], threads=1)
+    assert tested["summary"]["windows"] == 2 * 9
+    assert len(tested["class_accuracy"]) == len(tested["classes"]) == 9
