@@ -1,4 +1,4 @@
-"""The metrics of a run in all their formats; TensorBoard's own reader and Python's csv module are the judges."""
+"""The metrics of a run in all their formats, as TensorBoard's own reader and the csv module read them."""
 
 from __future__ import annotations
 

@@ -55,7 +55,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory, backend: str) -> tuple[Pa
 def test_a_run_folder_holds_everything_that_is_promised(finished: tuple[Path, str, str]) -> None:
     run, _, _ = finished
     assert {path.name for path in run.iterdir()} == {
-        *("config.toml", "meta.json", "metrics.jsonl", "checkpoints", "eval"),
+        *("config.toml", "meta.json", "checkpoints", "eval"),
+            *("metrics.jsonl", "metrics.csv", "events.out.tfevents.metrics"),
     }
     assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["00000006", "00000008"]
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]

@@ -5,6 +5,7 @@ mod cli;
 mod command;
 mod controller;
 mod damage;
+mod diagnoser;
 mod errors;
 mod exported_networks;
 mod factory;
@@ -26,6 +27,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<vector_env::PyVectorEnv>()?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<policy::PyPolicy>()?;
+    module.add_class::<diagnoser::PyDiagnoser>()?;
     module.add_class::<exported_networks::PyExportedNetworks>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(rollout::collect_rollout, module)?)?;

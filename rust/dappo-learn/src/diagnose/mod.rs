@@ -27,6 +27,7 @@ mod subject;
 pub mod sweep;
 mod timing;
 pub mod train;
+pub mod trajectory;
 mod twin;
 
 pub use config::{DiagnoserConfig, Schedule};

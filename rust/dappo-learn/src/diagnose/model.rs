@@ -150,12 +150,17 @@ impl Diagnoser {
         Ok(all)
     }
 
-    /// The most probable class of a window, and its probability.
-    pub fn diagnose(&self, window: &Window) -> Result<(usize, f32)> {
+    /// How probable every class is, `[C]`.
+    pub fn probabilities_of(&self, window: &Window) -> Result<Vec<f32>> {
         let Description { method, timesteps, obs_dim, action_dim, .. } = self.description;
         let mut inputs = vec![0.0; timesteps * self.description.input_dim()];
         method.write(window, obs_dim, action_dim, &mut inputs)?;
-        let probabilities = self.probabilities(&inputs)?;
+        self.probabilities(&inputs)
+    }
+
+    /// The most probable class of a window, and its probability.
+    pub fn diagnose(&self, window: &Window) -> Result<(usize, f32)> {
+        let probabilities = self.probabilities_of(window)?;
         let class = best(&probabilities);
         Ok((class, probabilities[class]))
     }

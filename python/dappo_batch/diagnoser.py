@@ -1,0 +1,125 @@
+"""A trained diagnoser by itself: what broke, given what was logged."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dappo_batch import _core
+from dappo_batch._core import ShapeError
+
+__all__ = ["Diagnoser"]
+
+
+class Diagnoser:
+    """A diagnoser, and a simulation of the healthy twins that it compares robots with.
+
+    `Diagnoser.load` reads it. It looks at trajectories that are over; a `Controller` looks while the robot
+    walks.
+    """
+
+    def __init__(self, core: _core.Diagnoser) -> None:
+        self._core = core
+
+    @classmethod
+    def load(cls, folder: str | PathLike[str], *, expert: str | PathLike[str]) -> Diagnoser:
+        """Read a diagnoser.
+
+        Parameters
+        ----------
+        folder
+            Folder of `train_diagnoser`.
+        expert
+            Run folder of the policy that walked in its training data. Its configuration says how to simulate.
+
+        Raises
+        ------
+        ConfigError
+            If a folder is not what it should be, or both are not of one robot.
+        CheckpointError
+            If a file cannot be read.
+        """
+        return cls(_core.Diagnoser.load(Path(folder), Path(expert)))
+
+    @property
+    def obs_dim(self) -> int:
+        """Length of an observation without damage code, O."""
+        return self._core.obs_dim
+
+    @property
+    def action_dim(self) -> int:
+        """Length of an action, A."""
+        return self._core.action_dim
+
+    @property
+    def timesteps(self) -> int:
+        """Steps that it looks at, T."""
+        return self._core.timesteps
+
+    @property
+    def class_names(self) -> list[str]:
+        """Names of the damage classes, C of them; the index is the class."""
+        return self._core.class_names
+
+    def diagnose(self, obs: ArrayLike, actions: ArrayLike) -> NDArray[np.float32]:
+        """Tell how probable every damage class is.
+
+        Parameters
+        ----------
+        obs
+            Observations before the first step and after each, without damage code, [N, T + 1, O], or
+            [T + 1, O] of a single robot.
+        actions
+            The actions between them, [N, T, A], or [T, A].
+
+        Returns
+        -------
+        probabilities
+            [N, C], or [C]; rows sum to 1.
+
+        Raises
+        ------
+        ShapeError
+            If a shape does not fit.
+        ConfigError
+            If the observations do not tell a robot's state, so that no twin can be put beside it.
+        """
+        obs, actions, single = _batches(obs, actions)
+        if actions.shape[1] != self.timesteps:
+            raise ShapeError(
+                f"there are {actions.shape[1]} steps, expected {self.timesteps} as in its training"
+            )
+        probabilities = self._core.diagnose(obs, actions)
+        return probabilities[0] if single else probabilities
+
+    def twin(self, obs: ArrayLike, actions: ArrayLike) -> NDArray[np.float32]:
+        """Tell what the healthy twins observe after each step, for any number of steps.
+
+        Parameters
+        ----------
+        obs, actions
+            As for `diagnose`.
+
+        Returns
+        -------
+        obs
+            [N, T, O], or [T, O].
+        """
+        obs, actions, single = _batches(obs, actions)
+        rows = self._core.twin(obs, actions)
+        return rows[0] if single else rows
+
+
+def _batches(obs: ArrayLike, actions: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32], bool]:
+    """Return arrays of several robots, and whether they are of a single one."""
+    obs, actions = np.ascontiguousarray(obs, np.float32), np.ascontiguousarray(actions, np.float32)
+    if obs.ndim != actions.ndim or obs.ndim not in (2, 3):
+        raise ShapeError(
+            f"obs have shape {obs.shape} and actions {actions.shape},"
+            " expected [N, T + 1, O] and [N, T, A], or both without N"
+        )
+    single = obs.ndim == 2
+    return (obs[None], actions[None], True) if single else (obs, actions, False)

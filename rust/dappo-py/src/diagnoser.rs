@@ -1,0 +1,143 @@
+//! `Diagnoser` in Python: a trained diagnoser by itself, for trajectories that were logged.
+
+use std::path::PathBuf;
+
+use dappo_learn::Actor;
+use dappo_learn::config::Config;
+use dappo_learn::diagnose::trajectory::Trajectories;
+use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder, Window};
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::run_folder::RunFolder;
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::cli::policy;
+use crate::errors::{Kind, from_learn, raise};
+use crate::factory::TableFactory;
+use crate::vector_env::not_contiguous;
+
+/// A trained diagnoser, and what simulates the healthy twins that it compares robots with.
+#[pyclass(name = "Diagnoser", module = "dappo_batch._core")]
+pub struct PyDiagnoser {
+    diagnoser: Diagnoser,
+    expert: Expert,
+    factory: TableFactory,
+    config: Config,
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+#[pymethods]
+impl PyDiagnoser {
+    /// Reads a diagnoser, and the expert that its twins follow.
+    #[staticmethod]
+    fn load(py: Python<'_>, folder: PathBuf, expert: PathBuf) -> PyResult<Self> {
+        let (training, _) = TrainingFolder::open(&folder).map_err(|error| from_learn(&error))?;
+        let diagnoser = Diagnoser::load(&training.model()).map_err(|error| from_learn(&error))?;
+        let (run, config) = RunFolder::open(&expert).map_err(|error| from_learn(&error))?;
+        let factory = TableFactory::compile(py, &config)?;
+        let actor = py.detach(|| Actor::of(&policy::load(&run, &config, &factory)?.ppo));
+        let expert = Expert::new(actor.map_err(|error| from_learn(&error))?);
+        let description = diagnoser.description();
+        let (knows, classes) = (description.subject.classes(), factory.space().classes().len());
+        if (description.obs_dim, knows) != (expert.obs_dim(), classes) {
+            return Err(raise(
+                Kind::Config,
+                format!(
+                    "the diagnoser knows {knows} damage classes and observations of {} numbers, the expert {classes} and {}; \
+                     they must be of one robot",
+                    description.obs_dim,
+                    expert.obs_dim()
+                ),
+            ));
+        }
+        Ok(Self { diagnoser, expert, factory, config })
+    }
+
+    /// Length of an observation, without damage code.
+    #[getter]
+    fn obs_dim(&self) -> usize {
+        self.diagnoser.description().obs_dim
+    }
+
+    /// Length of an action.
+    #[getter]
+    fn action_dim(&self) -> usize {
+        self.diagnoser.description().action_dim
+    }
+
+    /// Steps of a window, T.
+    #[getter]
+    fn timesteps(&self) -> usize {
+        self.diagnoser.description().timesteps
+    }
+
+    /// Names of the damage classes.
+    #[getter]
+    fn class_names(&self) -> Vec<String> {
+        self.diagnoser.description().subject.class_names.clone()
+    }
+
+    /// What the healthy twins of logged robots observe after each step.
+    fn twin<'py>(
+        &self,
+        py: Python<'py>,
+        obs: PyReadonlyArray3<'py, f32>,
+        actions: PyReadonlyArray3<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let [robots, steps, _] = *actions.shape() else { return Err(shapes(&obs, &actions)) };
+        let windows = self.windows(py, &obs, &actions)?;
+        let rows: Vec<f32> = windows.into_iter().flat_map(|window| window.twin).collect();
+        PyArray1::from_vec(py, rows).reshape([robots, steps, self.obs_dim()])
+    }
+
+    /// How probable every damage class is.
+    fn diagnose<'py>(
+        &self,
+        py: Python<'py>,
+        obs: PyReadonlyArray3<'py, f32>,
+        actions: PyReadonlyArray3<'py, f32>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let windows = self.windows(py, &obs, &actions)?;
+        let rows = windows.iter().map(|window| self.diagnoser.probabilities_of(window));
+        let rows: Vec<f32> =
+            rows.collect::<dappo_learn::Result<Vec<_>>>().map_err(|error| from_learn(&error))?.concat();
+        PyArray1::from_vec(py, rows).reshape([windows.len(), self.diagnoser.description().subject.classes()])
+    }
+}
+
+impl PyDiagnoser {
+    fn windows(
+        &self,
+        py: Python<'_>,
+        obs: &PyReadonlyArray3<'_, f32>,
+        actions: &PyReadonlyArray3<'_, f32>,
+    ) -> PyResult<Vec<Window>> {
+        let [robots, steps, action_dim] = *actions.shape() else { return Err(shapes(obs, actions)) };
+        let expected = [robots, steps + 1, self.obs_dim()];
+        if obs.shape() != expected || action_dim != self.action_dim() || robots == 0 {
+            return Err(shapes(obs, actions));
+        }
+        let trajectories = Trajectories {
+            steps,
+            obs: obs.as_slice().map_err(not_contiguous)?,
+            actions: actions.as_slice().map_err(not_contiguous)?,
+        };
+        let led = self.diagnoser.description().twin;
+        py.detach(|| {
+            let twins = self.factory.backend(robots, None, self.config.evaluation.compute())?;
+            trajectories.windows(led, &self.expert, twins)
+        })
+        .map_err(|error| from_learn(&error))
+    }
+}
+
+fn shapes(obs: &PyReadonlyArray3<'_, f32>, actions: &PyReadonlyArray3<'_, f32>) -> PyErr {
+    raise(
+        Kind::Shape,
+        format!(
+            "obs have shape {:?} and actions {:?}, expected [N, T + 1, O] (without damage code) and [N, T, A]",
+            obs.shape(),
+            actions.shape()
+        ),
+    )
+}
