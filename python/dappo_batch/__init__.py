@@ -21,6 +21,7 @@ from dappo_batch.controller import Controller
 from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
 from dappo_batch.policy import Policy
 from dappo_batch.robots import ROBOTS, Robot, load_robot
+from dappo_batch.runs import Run, load_run
 
 __all__ = [
     "ROBOTS",
@@ -35,11 +36,13 @@ __all__ = [
     "DappoError",
     "Policy",
     "Robot",
+    "Run",
     "ShapeError",
     "SimulationError",
     "__version__",
     "compile_class_table",
     "load_robot",
+    "load_run",
     "make_vec",
 ]
 

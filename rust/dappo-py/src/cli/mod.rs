@@ -47,6 +47,7 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
         Command::Export(arguments) => export::run(py, arguments),
         Command::Render(arguments) => render::run(py, arguments),
         Command::View(arguments) => render::view(py, arguments),
+        Command::Report(arguments) => forward(py, "dappo_batch.report", arguments),
         Command::Classes(arguments) => classes::run(py, arguments),
         Command::Config(arguments) => settings::print(py, arguments),
         Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
