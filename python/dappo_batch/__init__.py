@@ -18,6 +18,7 @@ from dappo_batch._core import (
 )
 from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.commands import (
+    TrainingOptions,
     adapt,
     collect_pairs,
     evaluate,
@@ -27,9 +28,11 @@ from dappo_batch.commands import (
     train_diagnoser,
 )
 from dappo_batch.controller import Controller
+from dappo_batch.diagnoser import Diagnoser
 from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
 from dappo_batch.policy import Policy
 from dappo_batch.robots import ROBOTS, Robot, load_robot
+from dappo_batch.runs import Run, load_run
 
 __all__ = [
     "ROBOTS",
@@ -42,10 +45,13 @@ __all__ = [
     "DamageSpace",
     "DamageVectorEnv",
     "DappoError",
+    "Diagnoser",
     "Policy",
     "Robot",
+    "Run",
     "ShapeError",
     "SimulationError",
+    "TrainingOptions",
     "__version__",
     "adapt",
     "collect_pairs",
@@ -53,6 +59,7 @@ __all__ = [
     "evaluate",
     "evaluate_diagnoser",
     "load_robot",
+    "load_run",
     "make_vec",
     "resume",
     "train",

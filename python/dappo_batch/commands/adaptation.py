@@ -73,4 +73,5 @@ def adapt(
         "set": set,
         **simulation,
     }
-    return only(invoke(["adapt", fspath(run)], options))
+    report: dict[str, Any] = only(invoke(["adapt", fspath(run)], options))
+    return report

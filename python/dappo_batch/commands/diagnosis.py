@@ -148,5 +148,7 @@ def evaluate_diagnoser(
         One for each model and dataset: ``summary``, ``classes``, ``class_accuracy`` and ``cost``, or None.
     """
     options = {"data": data, "policy": policy, "episodes": episodes, "threads": threads}
-    found: list[dict[str, Any]] = only(invoke(["diagnose", "test", *map(fspath, models)], options))
+    found: list[dict[str, Any]] = only(
+        invoke(["diagnose", "test", *[fspath(model) for model in models]], options)
+    )
     return found

@@ -94,4 +94,5 @@ def evaluate(
         ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
     """
     options = {"compare": compare, "encoding": encoding, "episodes": episodes, "seed": seed, **simulation}
-    return only(invoke(["evaluate", *map(fspath, runs)], options))
+    report: dict[str, Any] = only(invoke(["evaluate", *[fspath(run) for run in runs]], options))
+    return report

@@ -46,6 +46,9 @@ pub enum Command {
     Render(RenderArgs),
     /// Show a walk in a window, again and again
     View(WalkArgs),
+    /// Draw runs, sweeps, diagnosers and traces into one HTML page
+    #[command(disable_help_flag = true)]
+    Report(ForwardedArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

@@ -1,0 +1,127 @@
+"""``dappo-batch report``: runs, sweeps, diagnosers and traces as one HTML page and as figures."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+from collections.abc import Sequence
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+
+from dappo_batch._core import ConfigError
+from dappo_batch.render.errors import RenderError
+from dappo_batch.report.sources import Sources, read
+
+__all__ = ["INSTALL", "main", "write"]
+
+INSTALL = "pip install 'dappo-batch[report]'"
+
+
+def write(
+    paths: Sequence[str | PathLike[str]],
+    out: str | PathLike[str] = "report.html",
+    *,
+    figures: str | PathLike[str] | None = None,
+    title: str = "dappo-batch report",
+) -> list[Path]:
+    """Write a report.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        Run folders, folders of ``diagnose sweep`` and ``diagnose train``, and traces of ``adapt --log``, in any order.
+    out : path-like
+        The page.
+    figures : path-like, optional
+        Folder for the figures as PNG and SVG.
+    title : str
+        Heading of the page.
+
+    Returns
+    -------
+    list of Path
+        The files that were written, the page first.
+
+    Raises
+    ------
+    ConfigError
+        If a path is nothing that a report knows, or the folder of `out` does not exist.
+    CheckpointError
+        If a file cannot be read.
+    RenderError
+        If matplotlib is missing.
+    """
+    page = Path(out)
+    if not page.parent.is_dir():
+        raise ConfigError(f"{page}: there is no folder {page.parent}")
+    if page.is_dir():
+        raise ConfigError(f"{page} is a folder, expected the name of a file")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise RenderError(f"matplotlib is not installed, which reports need: {INSTALL}")
+    sources = read(paths)
+    files = _draw(sources, page, title, None if figures is None else Path(figures))
+    for path, content in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write(path, content)
+    return list(files)
+
+
+def _draw(sources: Sources, page: Path, title: str, figures: Path | None) -> dict[Path, bytes]:
+    """Draw everything in memory, so that nothing is written where something cannot be drawn."""
+    # matplotlib is an extra, and takes a second to import.
+    from dappo_batch.report.page import render
+    from dappo_batch.report.picture import style
+    from dappo_batch.report.sections import sections
+
+    with style():
+        parts = sections(sources)
+        html = render(title, f"dappo-batch {version('dappo-batch')}, {sources.summary()}", parts)
+        files = {page: html.encode()}
+        if figures is not None:
+            for picture in (picture for part in parts for picture in part.pictures):
+                files[figures / f"{picture.name}.svg"] = picture.svg().encode()
+                files[figures / f"{picture.name}.png"] = picture.png()
+    return files
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write under another name first: a kill leaves the old file or the new one, never half of one."""
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        raise ConfigError(f"{path} cannot be written: {error}") from error
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run ``dappo-batch report`` and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str
+        The arguments behind ``report``.
+    """
+    parser = argparse.ArgumentParser(
+        prog="dappo-batch report",
+        description="Draw runs, sweeps, diagnosers and traces into one HTML page that needs nothing else. "
+        "Runs that differ in nothing but their seed are drawn as one learner.",
+    )
+    parser.add_argument(
+        "paths",
+        nargs="+",
+        metavar="PATH",
+        help="a run folder, a folder of `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`",
+    )
+    parser.add_argument("--out", default="report.html", metavar="FILE", help="the page [default: report.html]")
+    parser.add_argument("--figures", metavar="DIR", help="write the figures into this folder, too, as PNG and SVG")
+    parser.add_argument("--title", default="dappo-batch report", metavar="TEXT", help="heading of the page")
+    arguments = parser.parse_args(argv)
+    page, *figures = write(arguments.paths, arguments.out, figures=arguments.figures, title=arguments.title)
+    print(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
+    if figures:
+        print(f"{arguments.figures}: {len(figures)} files")
+    return 0

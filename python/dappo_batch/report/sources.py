@@ -1,0 +1,200 @@
+"""What a report is made of: paths, recognised by what they hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch._core import CheckpointError, ConfigError
+from dappo_batch.runs import Run, load_run, read_lines, read_toml
+from dappo_batch.tables import Table, columns, read_csv
+
+__all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Sweep", "Trace", "read"]
+
+_SWEEP = ("robot", "timesteps", "method", "rollouts", "seeds", "accuracy_pct", "sd_pct")
+_TRACE = ("step", "forward_velocity", "damage", "told", "event")
+_CONFUSION = "true\\named"
+_EXPECTED = (
+    "expected a run folder, a folder of `diagnose train` or of `diagnose sweep`, or a trace of `adapt --log`"
+)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Accuracies of a sweep, cell by cell, with the paper's."""
+
+    path: Path
+    robot: str
+    table: Table
+
+
+@dataclass(frozen=True)
+class DiagnoserTest:
+    """A diagnoser on one dataset.
+
+    Attributes
+    ----------
+    data : str
+        Name of the dataset; ``validation`` for the rollouts that training left out.
+    summary : mapping
+        Number of windows, accuracy and its standard error, and calibration error, shares from 0 to 1; may be empty.
+    names : tuple of str
+        Damage classes, C.
+    confusion : float64[C, C]
+        How often the class of a row was named as that of a column.
+    """
+
+    data: str
+    summary: Mapping[str, Any]
+    names: tuple[str, ...]
+    confusion: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Diagnoser:
+    """A trained diagnoser: its settings, an entry an epoch, and its tests."""
+
+    path: Path
+    config: Mapping[str, Any]
+    epochs: Table
+    tests: tuple[DiagnoserTest, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One walk, an entry a step."""
+
+    path: Path
+    table: Table
+
+    @property
+    def onset(self) -> int | None:
+        """Step in which the damage strikes; None of a robot that stays healthy."""
+        damaged = np.flatnonzero(self.table["damage"] != "healthy")
+        return int(damaged[0]) if len(damaged) else None
+
+    @property
+    def damage(self) -> str:
+        """Damage at the end."""
+        return str(self.table["damage"][-1])
+
+    def events(self) -> list[tuple[int, str, str]]:
+        """Return what happened: the row of a step, the event, and what the policy is told from then on."""
+        found = []
+        for row, (events, told) in enumerate(zip(self.table["event"], self.table["told"], strict=True)):
+            found += [(row, event, str(told)) for event in str(events).split("; ") if event]
+        return found
+
+
+@dataclass
+class Sources:
+    """Everything that was read."""
+
+    runs: list[Run] = field(default_factory=list)
+    sweeps: list[Sweep] = field(default_factory=list)
+    diagnosers: list[Diagnoser] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
+
+    def summary(self) -> str:
+        """Return how many of each kind there are, in words."""
+        kinds = {
+            "run": self.runs,
+            "sweep": self.sweeps,
+            "diagnoser": self.diagnosers,
+            "trace": self.traces,
+        }
+        counts = [f"{len(found)} {kind}{'s' if len(found) > 1 else ''}" for kind, found in kinds.items() if found]
+        return ", ".join(counts)
+
+
+def read(paths: Sequence[str | PathLike[str]]) -> Sources:
+    """Read every path; one that is given twice is read once.
+
+    Raises
+    ------
+    ConfigError
+        If a path does not exist or holds nothing that a report knows.
+    CheckpointError
+        If a file cannot be read.
+    """
+    sources = Sources()
+    for path in dict.fromkeys(Path(path).resolve() for path in paths):
+        _add(sources, path)
+    return sources
+
+
+def _add(sources: Sources, path: Path) -> None:
+    if path.is_file():
+        _add_file(sources, path)
+    elif not path.is_dir():
+        raise ConfigError(f"{path} does not exist; {_EXPECTED}")
+    elif (path / "table1.csv").exists():
+        sources.sweeps.append(_sweep(path / "table1.csv"))
+    elif not (path / "config.toml").exists():
+        raise ConfigError(f"{path} has neither config.toml nor table1.csv; {_EXPECTED}")
+    elif _is_diagnoser(config := read_toml(path / "config.toml")):
+        sources.diagnosers.append(_diagnoser(path, config))
+    else:
+        run = load_run(path)
+        if not run.metrics:
+            raise ConfigError(f"{path} has finished no iteration yet; leave it out until it has")
+        sources.runs.append(run)
+
+
+def _is_diagnoser(config: Mapping[str, Any]) -> bool:
+    return "method" in config and "lstm" in config
+
+
+def _add_file(sources: Sources, path: Path) -> None:
+    try:
+        with path.open(encoding="utf-8") as file:
+            header = file.readline().strip().split(",")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is no text: {error}; {_EXPECTED}") from error
+    if set(header) >= set(_TRACE):
+        table = read_csv(path, _TRACE)
+        if not len(table["step"]):
+            raise CheckpointError(f"{path} is a trace without steps; make it anew with `adapt --log`")
+        sources.traces.append(Trace(path, table))
+    elif set(header) >= set(_SWEEP):
+        sources.sweeps.append(_sweep(path))
+    else:
+        raise ConfigError(f"{path} begins with {','.join(header)[:60]!r}; {_EXPECTED}")
+
+
+def _sweep(path: Path) -> Sweep:
+    table = read_csv(path, _SWEEP)
+    if not len(table["robot"]):
+        raise ConfigError(f"{path} has no finished cell yet; leave it out until it has")
+    return Sweep(path, str(table["robot"][0]), table)
+
+
+def _diagnoser(path: Path, config: Mapping[str, Any]) -> Diagnoser:
+    files = sorted((path / "eval").glob("*.confusion.csv"))
+    tests = tuple(_test(file) for file in files)
+    epochs = columns(read_lines(path / "metrics.jsonl"))
+    if not epochs and not tests:
+        raise ConfigError(f"{path} has finished no epoch yet; leave it out until it has")
+    return Diagnoser(path, config, epochs, tests)
+
+
+def _test(path: Path) -> DiagnoserTest:
+    table = read_csv(path, (_CONFUSION,))
+    names = tuple(name for name in table if name != _CONFUSION)
+    if tuple(table[_CONFUSION].astype(str)) != names:
+        raise CheckpointError(f"{path}: rows and columns name other classes; test the diagnoser again")
+    data = path.name.removesuffix(".confusion.csv")
+    summary_path = path.with_name(f"{data}.json")
+    try:
+        summary = json.loads(summary_path.read_text(encoding="utf-8")) if summary_path.exists() else {}
+    except ValueError as error:
+        raise CheckpointError(f"{summary_path} cannot be read: {error}") from error
+    counts = np.stack([table[name].astype(np.float64) for name in names], axis=1)
+    return DiagnoserTest(data, summary, names, counts)

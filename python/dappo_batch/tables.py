@@ -1,0 +1,91 @@
+"""Tables of run folders as NumPy arrays."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch._core import CheckpointError
+
+__all__ = ["Table", "columns", "read_csv"]
+
+Table = Mapping[str, NDArray[Any]]
+"""Columns by name, all of one length."""
+
+# Names stay text even where every one of them looks like a number.
+_TEXT = frozenset({"backend", "device", "group", "name", "physics", "precision", "stage", "told"})
+
+
+def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
+    """Read a table with a header.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    required : sequence of str
+        Columns that it must have.
+
+    Returns
+    -------
+    Table
+        Whole numbers as int64, others as float64 with NaN for empty entries, ``true`` and ``false`` as bool,
+        everything else as str.
+
+    Raises
+    ------
+    CheckpointError
+        If the file cannot be read, a row is too short or too long, or a column is missing.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            header, *rows = [row for row in csv.reader(file) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from error
+    except ValueError as error:
+        raise CheckpointError(f"{path} is empty, expected a table with a header") from error
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(header):
+            raise CheckpointError(
+                f"{path}: row {number} has {len(row)} entries, expected {len(header)} as in the header"
+            )
+    if lacking := [name for name in required if name not in header]:
+        raise CheckpointError(f"{path} has no column {', '.join(lacking)}; its columns are {', '.join(header)}")
+    return {name: _parse(name, [row[index] for row in rows]) for index, name in enumerate(header)}
+
+
+def columns(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Put rows together; numbers that a row lacks or that are null are NaN, and texts are empty."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: _array([row.get(name) for row in rows]) for name in names}
+
+
+def _array(values: Sequence[Any]) -> NDArray[Any]:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else str(value) for value in values])
+    if all(isinstance(value, int) for value in values):
+        return np.array(values)
+    return np.array([np.nan if value is None else value for value in values], np.float64)
+
+
+def _parse(name: str, texts: Sequence[str]) -> NDArray[Any]:
+    if name not in _TEXT:
+        if texts and set(texts) <= {"true", "false"}:
+            return np.array([text == "true" for text in texts])
+        if (whole := _numbers(int, texts)) is not None:
+            return np.array(whole, np.int64)
+        if (real := _numbers(float, (text or "nan" for text in texts))) is not None:
+            return np.array(real, np.float64)
+    return np.array(texts, np.str_)
+
+
+def _numbers(kind: Callable[[str], float], texts: Iterable[str]) -> list[float] | None:
+    try:
+        return [kind(text) for text in texts]
+    except ValueError:
+        return None
