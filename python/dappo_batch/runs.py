@@ -33,7 +33,7 @@ class Run:
     meta : mapping
         What made the run, ``meta.json``; empty if that is missing.
     metrics : Table
-        One entry an iteration, ``metrics.jsonl``; means over no episodes are NaN. Empty before the first iteration.
+        One entry an iteration, ``metrics.jsonl``; means over no episodes are NaN. Empty before the first.
     per_class, groups : mapping from str to Table
         The evaluations by what the policy was told: ``true``, ``zero``, ``wrong`` or ``random``. Those that
         were not made are missing.

@@ -17,8 +17,22 @@ __all__ = ["Table", "columns", "read_csv"]
 Table = Mapping[str, NDArray[Any]]
 """Columns by name, all of one length."""
 
-# Names stay text even where every one of them looks like a number.
-_TEXT = frozenset({"backend", "device", "group", "name", "physics", "precision", "stage", "told"})
+# Words stay text even where every one of them looks like a number or is empty.
+_TEXT = frozenset(
+    {
+        "backend",
+        "damage",
+        "device",
+        "event",
+        "group",
+        "method",
+        "name",
+        "physics",
+        "precision",
+        "robot",
+        "told",
+    }
+)
 
 
 def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
@@ -55,7 +69,9 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
                 f"{path}: row {number} has {len(row)} entries, expected {len(header)} as in the header"
             )
     if lacking := [name for name in required if name not in header]:
-        raise CheckpointError(f"{path} has no column {', '.join(lacking)}; its columns are {', '.join(header)}")
+        raise CheckpointError(
+            f"{path} has no column {', '.join(lacking)}; its columns are {', '.join(header)}"
+        )
     return {name: _parse(name, [row[index] for row in rows]) for index, name in enumerate(header)}
 
 

@@ -27,7 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "classes", "config", "bench", "doctor"])
+@pytest.mark.parametrize("command", ["train", "evaluate", "report", "classes", "config", "bench", "doctor"])
 def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert run_cli([command, "--help"]) == 0
     out, err = capfd.readouterr()

@@ -31,7 +31,7 @@ def write(
     Parameters
     ----------
     paths : sequence of path-like
-        Run folders, folders of ``diagnose sweep`` and ``diagnose train``, and traces of ``adapt --log``, in any order.
+        Run folders, folders of ``diagnose sweep`` and ``diagnose train``, and traces of ``adapt --log``.
     out : path-like
         The page.
     figures : path-like, optional
@@ -81,7 +81,7 @@ def _draw(sources: Sources, page: Path, title: str, figures: Path | None) -> dic
         files = {page: html.encode()}
         if figures is not None:
             for picture in (picture for part in parts for picture in part.pictures):
-                files[figures / f"{picture.name}.svg"] = picture.svg().encode()
+                files[figures / f"{picture.name}.svg"] = picture.svg.encode()
                 files[figures / f"{picture.name}.png"] = picture.png()
     return files
 
@@ -116,8 +116,12 @@ def main(argv: Sequence[str]) -> int:
         metavar="PATH",
         help="a run folder, a folder of `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`",
     )
-    parser.add_argument("--out", default="report.html", metavar="FILE", help="the page [default: report.html]")
-    parser.add_argument("--figures", metavar="DIR", help="write the figures into this folder, too, as PNG and SVG")
+    parser.add_argument(
+        "--out", default="report.html", metavar="FILE", help="the page [default: report.html]"
+    )
+    parser.add_argument(
+        "--figures", metavar="DIR", help="write the figures into this folder, too, as PNG and SVG"
+    )
     parser.add_argument("--title", default="dappo-batch report", metavar="TEXT", help="heading of the page")
     arguments = parser.parse_args(argv)
     page, *figures = write(arguments.paths, arguments.out, figures=arguments.figures, title=arguments.title)

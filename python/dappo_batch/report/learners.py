@@ -190,4 +190,6 @@ def _spans(run: Run, column: str, ends: NDArray[np.float64], *, weighted: bool) 
     inside = span < len(ends)
     sums = np.bincount(span[inside], (weights * np.nan_to_num(values))[inside], len(ends))
     counts = np.bincount(span[inside], weights[inside], len(ends))
-    return np.divide(sums, counts, out=np.full(len(ends), np.nan), where=counts > 0)
+    means = np.full(len(ends), np.nan)
+    np.divide(sums, counts, out=means, where=counts > 0)
+    return means

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
-from dappo_batch.report.picture import Picture
+from dappo_batch.report.picture import Picture, anchor
 from dappo_batch.report.theme import css_variables
 
 __all__ = ["Code", "Part", "Section", "Text", "Values", "render"]
@@ -15,10 +15,11 @@ __all__ = ["Code", "Part", "Section", "Text", "Values", "render"]
 
 @dataclass(frozen=True)
 class Values:
-    """A table; numbers are formatted already, and stand at the right."""
+    """A table; numbers are formatted already, and stand at the right. With a title it is folded in."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
+    title: str = ""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ Part = Values | Code | Text
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: words and tables first, then figures, then what is folded in.
+    """A part of the page: words and tables first, then figures, then tables and files that are folded in.
 
     Attributes
     ----------
@@ -69,7 +70,9 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
     sections : sequence of Section
         In the order of the page.
     """
-    links = "\n".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
+    links = "\n".join(
+        f'<a href="#{anchor(section.name)}">{escape(section.title)}</a>' for section in sections
+    )
     return f"""\
 <!DOCTYPE html>
 <html lang="en">
@@ -114,13 +117,17 @@ def _resource(name: str) -> str:
 
 
 def _section(section: Section) -> str:
-    open_parts = "".join(_part(part) for part in section.parts if not isinstance(part, Code))
-    folded = "".join(_part(part) for part in section.parts if isinstance(part, Code))
+    open_parts = "".join(_part(part) for part in section.parts if not _title(part))
+    folded = "".join(
+        f"<details><summary>{escape(_title(part))}</summary>{_part(part)}</details>\n"
+        for part in section.parts
+        if _title(part)
+    )
     figures = "".join(map(_figure, section.pictures))
     if figures:
         figures = f'<div class="figures">\n{figures}</div>\n'
     heading = f"<h2>{escape(section.title)}</h2>"
-    return f'<section id="{section.name}">\n{heading}\n{open_parts}{figures}{folded}</section>\n'
+    return f'<section id="{anchor(section.name)}">\n{heading}\n{open_parts}{figures}{folded}</section>\n'
 
 
 def _figure(picture: Picture) -> str:
@@ -132,11 +139,15 @@ def _part(part: Part) -> str:
     match part:
         case Text(text):
             return f"<p>{escape(text)}</p>\n"
-        case Code(title, text):
-            summary = f"<summary>{escape(title)}</summary>"
-            return f"<details>{summary}<pre>{escape(text)}</pre></details>\n"
+        case Code(_, text):
+            return f"<pre>{escape(text)}</pre>\n"
         case Values(header, rows):
             return _values(header, rows)
+
+
+def _title(part: Part) -> str:
+    """Return what a part is folded in under; nothing for one that is not."""
+    return "" if isinstance(part, Text) else part.title
 
 
 def _values(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -155,4 +166,4 @@ def _values(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _is_number(text: str) -> bool:
-    return not text.strip("+−–-0123456789., %±[]")
+    return text == "n/a" or not text.strip("+-0123456789. %")

@@ -6,6 +6,7 @@ import io
 import re
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 
 import matplotlib
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 
 from dappo_batch.report.theme import STYLE, WIDTH, to_variables
 
-__all__ = ["Picture", "canvas", "style"]
+__all__ = ["Picture", "anchor", "canvas", "style"]
 
 _DPI = 300  # of PNG files: what journals ask for
 
@@ -44,25 +45,30 @@ class Picture:
         self.figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
         return file.getvalue()
 
+    @cached_property
     def svg(self) -> str:
-        """Draw into an SVG file; the same figure gives the same text."""
+        """The figure as an SVG file; the same figure gives the same text."""
         file = io.StringIO()
         # Whoever reads the file need not know when and by what it was drawn.
-        nothing = {key: None for key in ("Creator", "Date", "Format", "Type")}
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
         self.figure.savefig(file, format="svg", metadata=nothing)
         return file.getvalue()
 
     def inline(self) -> str:
         """Draw into an element for a page that has many figures, in colours that follow the page's."""
-        svg = self.svg()
-        svg = svg[svg.index("<svg") :]
+        svg = self.svg[self.svg.index("<svg") :]
         # The page decides how large it is shown.
         head, rest = svg.split(">", 1)
         head = re.sub(r' (width|height|version|xmlns(:xlink)?)="[^"]*"', "", head)
         head += f' role="img" aria-label="{escape(self.title)}"'
         # Names of parts are unique in a page, not only in a figure.
-        rest = re.sub(r'(?<= id=")|(?<=url\(#)|(?<=href="#)', f"{self.name}-", rest)
+        rest = re.sub(r'(?<= id=")|(?<=url\(#)|(?<=href="#)', f"{anchor(self.name)}-", rest)
         return to_variables(f"{head}>{rest}")
+
+
+def anchor(name: str) -> str:
+    """Return a name as HTML and URLs allow it."""
+    return re.sub(r"[^a-zA-Z0-9_-]", "-", name)
 
 
 def style() -> AbstractContextManager[None]:

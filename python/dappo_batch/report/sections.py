@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dappo_batch.report.figures import adaptation, diagnosis, evaluation, training
 from dappo_batch.report.learners import AWARE, UNAWARE, Learner, learners
@@ -20,8 +19,10 @@ __all__ = ["sections"]
 # Columns of the metrics that are drawn: title, unit, and whether they are means over episodes.
 _CURVES = {
     "forward_reward": ("Forward reward", "m/s, summed over steps", True),
+    "episode_return": ("Return", "reward, summed over steps", True),
     "fall_rate": ("Falls", "share of episodes", True),
     "explained_variance": ("Explained variance of the returns", "share", False),
+    "entropy": ("Entropy of the policy", "nats", False),
     "kl": ("KL divergence of an update", "nats", False),
 }
 _MISTAKES = 8
@@ -64,8 +65,8 @@ def _overview(found: Sequence[Learner]) -> Section:
             )
         )
     text = (
-        "Forward reward is the sum of the forward velocity (m/s) over the steps of an episode, here the mean over "
-        "all damage classes after training, without exploration noise; mean, lowest and highest seed."
+        "Forward reward is the sum of the forward velocity (m/s) over the steps of an episode, here the mean "
+        "over all damage classes after training, without exploration noise; mean, lowest and highest seed."
     )
     return Section("overview", "Overview", (Text(text), Values(header, rows)))
 
@@ -89,15 +90,13 @@ def _of_robot(robot: str, found: Sequence[Learner]) -> list[Section]:
     pictures: list[Picture | None] = [
         evaluation.against(robot, *pair, number) for number, pair in enumerate(pairs)
     ]
-    pictures += [
-        evaluation.groups(robot, comparable),
-        evaluation.encodings(robot, comparable),
-        evaluation.classes(robot, comparable),
-    ]
+    pictures += [evaluation.groups(robot, comparable), evaluation.encodings(robot, comparable)]
     parts = [_gains(pairs)] if pairs else []
-    title = f"{robot}: DA-PPO and PPO-Unaware" if pairs else f"{robot}: damage classes"
+    title = f"{robot}: DA-PPO and PPO-Unaware" if pairs else f"{robot}: groups of damage"
     shown = [picture for picture in pictures if picture is not None]
     pages.append(Section(f"{robot}-evaluation", title, (*parts, _group_means(comparable)), shown))
+    bars = evaluation.classes(robot, comparable)
+    pages.append(Section(f"{robot}-classes", f"{robot}: damage classes", (), bars))
     return pages
 
 
@@ -116,7 +115,7 @@ def _gains(pairs: Sequence[tuple[Learner, Learner]]) -> Values:
     rows = []
     for aware, unaware in pairs:
         ours, theirs = (one.forward_rewards().mean(axis=0) for one in (aware, unaware))
-        gain = f"{100 * (ours.mean() / theirs.mean() - 1):+.1f} %" if theirs.mean() > 0 else "–"
+        gain = f"{100 * (ours.mean() / theirs.mean() - 1):+.1f} %" if theirs.mean() > 0 else "n/a"
         ahead = f"{int((ours > theirs).sum())} of {len(ours)}"
         rows.append(
             (aware.label(), _number(ours.mean()), unaware.label(), _number(theirs.mean()), gain, ahead)
@@ -127,7 +126,7 @@ def _gains(pairs: Sequence[tuple[Learner, Learner]]) -> Values:
 def _group_means(found: Sequence[Learner]) -> Values:
     means = [evaluation.means_of_groups(learner) for learner in found]
     rows = [(group, *(_number(of[group].mean()) for of in means)) for group in means[0]]
-    return Values(("group", *(learner.name for learner in found)), rows)
+    return Values(("group", *(learner.name for learner in found)), rows, "Numbers of the groups")
 
 
 def _adaptation(runs: Sequence[Run], found: Sequence[Learner]) -> Section:
@@ -143,7 +142,9 @@ def _adaptation(runs: Sequence[Run], found: Sequence[Learner]) -> Section:
         damaged = table["class"] != 0
         episodes = table["episodes"][damaged].sum()
         counted = ("detected", "right_at_first", "right_at_last", "recovered")
-        shares = [_share(table[name][damaged].sum(), episodes) if name in table else "–" for name in counted]
+        shares = [
+            _share(table[name][damaged].sum(), episodes) if name in table else "n/a" for name in counted
+        ]
         healthy = table["episodes"][~damaged].sum()
         quiet = healthy - table["false_alarms"][~damaged].sum() if "false_alarms" in table else np.nan
         rows.append((label, f"{int(episodes)}", *shares, _share(quiet, healthy)))
@@ -178,30 +179,47 @@ def _sweeps(sweeps: Sequence[Sweep]) -> Section:
 
 
 def _diagnosers(found: Sequence[Diagnoser]) -> Section:
-    header = ("diagnoser", "input", "steps", "data", "windows", "accuracy", "± standard error", "calibration error")
+    header = (
+        "diagnoser",
+        "input",
+        "steps",
+        "data",
+        "windows",
+        "accuracy",
+        "± standard error",
+        "calibration error",
+    )
     rows, pictures, mistakes = [], [diagnosis.epochs(found)], []
     for number, diagnoser in enumerate(found):
         own, config = diagnoser.path.name, diagnoser.config
         for place, test in enumerate(diagnoser.tests):
             summary = [
-                _percent(test.summary.get(key))
-                for key in ("accuracy", "standard_error", "calibration_error")
+                _percent(test.summary.get(key)) for key in ("accuracy", "standard_error", "calibration_error")
             ]
             windows = f"{int(test.confusion.sum())}"
-            rows.append((own, str(config["method"]), str(config.get("timesteps", "–")), test.data, windows, *summary))
+            rows.append(
+                (
+                    own,
+                    str(config["method"]),
+                    str(config.get("timesteps", "n/a")),
+                    test.data,
+                    windows,
+                    *summary,
+                )
+            )
             title = f"{own} on {test.data}"
             pictures.append(diagnosis.confusion(test, f"confusion-{number}-{place}", title))
             mistakes += [(own, test.data, *mistake) for mistake in _worst(test)]
     parts = [Values(header, rows)] if rows else []
     if mistakes:
         columns = ("diagnoser", "data", "true class", "named", "share of its windows")
-        parts.append(Values(columns, mistakes))
+        parts.append(Values(columns, mistakes, "Most frequent mistakes"))
     shown = [picture for picture in pictures if picture is not None]
     return Section("diagnosis", "Diagnosis", parts, shown)
 
 
 def _worst(test: DiagnoserTest) -> list[tuple[str, str, str]]:
-    """Return the most frequent mistakes: the true class, the named one, and the share of the true one's windows."""
+    """Return the most frequent mistakes: true class, named class, share of the windows of the true one."""
     share = test.confusion / np.maximum(test.confusion.sum(axis=1, keepdims=True), 1.0)
     np.fill_diagonal(share, 0.0)
     order = np.argsort(-share, axis=None, kind="stable")[:_MISTAKES]
@@ -226,7 +244,7 @@ def _versions(found: Sequence[Learner]) -> Section:
     rows = [
         (
             *(run.path.name, learner.name, str(run.seed)),
-            *(str(run.meta.get(key, "–")) for key in keys),
+            *(str(run.meta.get(key, "n/a")) for key in keys),
         )
         for learner in found
         for run in learner.runs
@@ -244,7 +262,7 @@ def _versions(found: Sequence[Learner]) -> Section:
 
 
 def _number(value: float) -> str:
-    return f"{value:.1f}".replace("-", "−") if np.isfinite(value) else "–"
+    return f"{value:.1f}" if np.isfinite(value) else "n/a"
 
 
 def _count(value: int) -> str:
@@ -252,8 +270,8 @@ def _count(value: int) -> str:
 
 
 def _share(part: float, whole: float) -> str:
-    return f"{100 * part / whole:.1f} %" if whole > 0 and np.isfinite(part) else "–"
+    return f"{100 * part / whole:.1f} %" if whole > 0 and np.isfinite(part) else "n/a"
 
 
 def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.2f} %"
+    return "n/a" if share is None else f"{100 * share:.2f} %"

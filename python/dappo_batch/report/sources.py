@@ -44,7 +44,7 @@ class DiagnoserTest:
     data : str
         Name of the dataset; ``validation`` for the rollouts that training left out.
     summary : mapping
-        Number of windows, accuracy and its standard error, and calibration error, shares from 0 to 1; may be empty.
+        Accuracy, its standard error and calibration error, shares from 0 to 1; may be empty.
     names : tuple of str
         Damage classes, C.
     confusion : float64[C, C]
@@ -104,13 +104,15 @@ class Sources:
 
     def summary(self) -> str:
         """Return how many of each kind there are, in words."""
-        kinds = {
+        kinds: dict[str, Sequence[object]] = {
             "run": self.runs,
             "sweep": self.sweeps,
             "diagnoser": self.diagnosers,
             "trace": self.traces,
         }
-        counts = [f"{len(found)} {kind}{'s' if len(found) > 1 else ''}" for kind, found in kinds.items() if found]
+        counts = [
+            f"{len(found)} {kind}{'s' if len(found) > 1 else ''}" for kind, found in kinds.items() if found
+        ]
         return ", ".join(counts)
 
 

@@ -25,10 +25,10 @@ PAPER, INK, MUTED, GRID = (_LIGHT[name] for name in ("paper", "ink", "muted", "g
 SERIES = tuple(light for name, light, _ in _COLOURS if name.startswith("series"))
 """Colours of lines and bars; with more of them than this, colours repeat."""
 
-WIDTH = 4.5
+WIDTH = 4.0
 """Width of a figure, in: a phone shows it in about this size, so that text stays readable."""
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "axes.axisbelow": True,
     "axes.edgecolor": MUTED,
     "axes.facecolor": "none",

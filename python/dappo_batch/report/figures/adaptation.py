@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dappo_batch.report.picture import Picture, canvas
 from dappo_batch.report.sources import Trace
-from dappo_batch.report.theme import INK, MUTED, SERIES
+from dappo_batch.report.theme import INK, MUTED, PAPER, SERIES
 from dappo_batch.runs import Run
 from dappo_batch.tables import Table
 
@@ -47,25 +47,27 @@ def kept(runs: Sequence[Run], labels: Sequence[str]) -> Picture:
         place = [row + (index - 1) * thickness / group for row, _ in bars]
         widths = [width for _, width in bars]
         if bars:
-            axes.barh(place, widths, 0.9 * thickness / group, color=SERIES[index], label=label)
-            for at, width in zip(place, widths, strict=True):
-                axes.text(width, at, f" {width:.0f}", va="center", fontsize=7)
-    axes.axvline(100.0, color=MUTED, linewidth=1, linestyle="--")
+            drawn = axes.barh(place, widths, 0.9 * thickness / group, color=SERIES[index], label=label)
+            # The line of the oracle must not cross a number.
+            background = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.4}
+            axes.bar_label(drawn, fmt="%.0f", padding=2, fontsize=7, bbox=background)
+    axes.axvline(100.0, color=MUTED, linewidth=1, linestyle="--", zorder=1.5)
     axes.set_yticks(range(len(runs)), labels)
     axes.set_ylim(len(runs) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
+    axes.margins(x=0.1)
     axes.set_xlabel("% of the oracle's forward reward")
     figure.legend(loc="outside upper center", ncols=3)
     caption = (
-        "Forward reward from the damage on, beside that of the same policy told the truth at once (the oracle); "
-        "ratio of means over all damages."
+        "Forward reward from the damage on, as a share of that of the same policy told the truth at once "
+        "(the oracle); ratio of means over all damages."
     )
     return Picture("adaptation", "Damage in mid-walk", caption, figure)
 
 
 def walks(traces: Sequence[Trace], name: str) -> Picture:
-    """Draw speeds of walks with the same damage over time, the damage and what the controller did about it."""
-    figure, (axes,) = canvas(3.0)
+    """Draw speeds of walks with the same damage, the damage and what the controller did about it."""
+    figure, (axes,) = canvas(2.9)
     first = traces[0]
     for index, trace in enumerate(traces):
         colour = SERIES[index % len(SERIES)]

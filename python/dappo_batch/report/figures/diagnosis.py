@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -53,7 +54,7 @@ def table1(sweep: Sweep, name: str) -> Picture:
     return Picture(name, f"Table 1, {sweep.robot}", caption, figure)
 
 
-def _levels(column: NDArray[np.generic]) -> list[object]:
+def _levels(column: NDArray[Any]) -> list[Any]:
     return list(dict.fromkeys(column.tolist()))
 
 
@@ -61,7 +62,7 @@ def _heat_map(axes: Axes, accuracy: NDArray[np.float64], spread: NDArray[np.floa
     axes.imshow(accuracy, cmap=_FAINT, vmin=low, vmax=100.0, aspect="auto", interpolation="none")
     for (row, column), value in np.ndenumerate(accuracy):
         if np.isfinite(value):
-            axes.text(column, row - 0.12, f"{value:.2f}", ha="center", va="center", fontsize=8.5)
+            axes.text(column, row - 0.12, f"{value:.2f}", ha="center", va="center", fontsize=8)
         if np.isfinite(spread[row, column]):
             small = f"±{spread[row, column]:.2f}"
             axes.text(column, row + 0.26, small, ha="center", va="center", fontsize=6.5)
@@ -76,7 +77,7 @@ def _bare(axes: Axes) -> None:
 
 def epochs(diagnosers: Sequence[Diagnoser]) -> Picture | None:
     """Draw the share of mistakes on validation windows over epochs; None if there are no epochs."""
-    figure, (axes,) = canvas(2.7)
+    figure, (axes,) = canvas(2.5)
     drawn = False
     for index, diagnoser in enumerate(diagnosers):
         if "validation_accuracy" not in diagnoser.epochs:
@@ -104,7 +105,7 @@ def confusion(test: DiagnoserTest, name: str, title: str) -> Picture:
     """Draw which class was named as which, as shares of the true class."""
     totals = test.confusion.sum(axis=1, keepdims=True)
     share = 100.0 * test.confusion / np.maximum(totals, 1.0)
-    figure, (axes,) = canvas(4.3)
+    figure, (axes,) = canvas(3.9)
     image = axes.imshow(share, cmap=_FULL, vmin=0.0, vmax=100.0, interpolation="none")
     if len(test.names) <= _NAMED:
         axes.set_xticks(range(len(test.names)), test.names, rotation=90, fontsize=7)
@@ -114,8 +115,9 @@ def confusion(test: DiagnoserTest, name: str, title: str) -> Picture:
     axes.grid(visible=False)
     axes.spines[:].set(visible=True, color=MUTED)
     bar = figure.colorbar(image, orientation="horizontal", location="top", shrink=0.6, aspect=30)
-    # A picture and not 256 rectangles.
-    bar.solids.set(rasterized=True)
+    if bar.solids is not None:
+        # A picture and not 256 rectangles.
+        bar.solids.set(rasterized=True)
     bar.set_label("% of the windows of a true class", color=INK, fontsize=8)
     caption = f"Which damage class is named in windows of which, {int(totals.sum())} windows."
     return Picture(name, title, caption, figure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,18 +15,29 @@ from dappo_batch.report.theme import INK, MUTED, SERIES
 
 __all__ = ["against", "classes", "encodings", "groups", "means_of_groups"]
 
-_REWARD = "forward reward, m/s summed over steps"
 _WHISKERS = "Bars are means over seeds, whiskers reach from the lowest to the highest."
 _TOLD = {"true": "the truth", "zero": "nothing", "wrong": "another damage", "random": "noise"}
 _AROUND = 0.9  # in, above and below bars
+_CLASSES = 25
+"""Most classes in one figure: it should not be much taller than a screen."""
 
 
-def classes(robot: str, learners: Sequence[Learner]) -> Picture:
-    """Draw the forward reward of every damage class, learner beside learner."""
+def classes(robot: str, learners: Sequence[Learner]) -> list[Picture]:
+    """Draw the forward reward of every damage class, learner beside learner, in figures of one scale."""
     names = [str(name) for name in learners[0].evaluated()[0].per_class["true"]["name"]]
     values = [learner.forward_rewards() for learner in learners]
-    title = "Forward reward of every damage class"
-    return _bars(f"{robot}-classes", title, names, learners, values, thickness=0.13)
+    farthest = max(float(rewards.max()) for rewards in values)
+    count = -(-len(names) // _CLASSES)
+    drawn = []
+    for number, part in enumerate(np.array_split(np.arange(len(names)), count), start=1):
+        file, title = f"{robot}-classes", "Forward reward of every damage class"
+        if count > 1:
+            file, title = f"{file}-{number}", f"{title}, {number} of {count}"
+        some = [rewards[:, part] for rewards in values]
+        drawn.append(
+            _bars(file, title, [names[index] for index in part], learners, some, thickness=0.13, to=farthest)
+        )
+    return drawn
 
 
 def groups(robot: str, learners: Sequence[Learner]) -> Picture:
@@ -68,7 +80,7 @@ def encodings(robot: str, learners: Sequence[Learner]) -> Picture | None:
 def against(robot: str, aware: Learner, unaware: Learner, number: int) -> Picture:
     """Draw the classes' forward rewards of two learners against each other."""
     ours, theirs = aware.forward_rewards().mean(0), unaware.forward_rewards().mean(0)
-    figure, (axes,) = canvas(3.6)
+    figure, (axes,) = canvas(3.0)
     low, high = min(ours.min(), theirs.min(), 0.0), 1.05 * max(ours.max(), theirs.max(), 1.0)
     axes.plot([low, high], [low, high], color=MUTED, linewidth=1, linestyle="--")
     of_class = aware.evaluated()[0].per_class["true"]["group"].astype(str)
@@ -99,8 +111,9 @@ def _bars(
     values: Sequence[NDArray[np.float64]],
     *,
     thickness: float,
+    to: float | None = None,
 ) -> Picture:
-    """Draw bars in groups, downwards; `values` are [S, B] a learner, `thickness` in inches."""
+    """Draw groups of bars downwards; `values` are [S, B] a learner, `thickness` is in inches."""
     group = thickness * (len(learners) + 0.6)
     figure, (axes,) = canvas(_AROUND + group * len(names))
     for index, (learner, rewards) in enumerate(zip(learners, values, strict=True)):
@@ -112,11 +125,13 @@ def _bars(
             _whiskers(axes, rewards, place)
     axes.set_yticks(range(len(names)), names, fontsize=7 if len(names) > 12 else 8)
     axes.set_ylim(len(names) - 0.5, -0.5)
+    if to is not None:
+        axes.set_xlim(right=1.05 * to)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(_REWARD)
+    axes.set_xlabel("forward reward")
     figure.legend(loc="outside upper center", ncols=min(2, len(learners)))
     return Picture(file, title, f"{title}. {_WHISKERS}", figure)
 
 
-def _whiskers(axes: Axes, rewards: NDArray[np.float64], place: NDArray[np.float64]) -> None:
+def _whiskers(axes: Axes, rewards: NDArray[np.float64], place: NDArray[Any]) -> None:
     axes.hlines(place, rewards.min(0), rewards.max(0), color=INK, linewidth=0.7)

@@ -14,7 +14,7 @@ from dappo_batch.report.theme import INK, SERIES
 
 __all__ = ["curves", "throughput"]
 
-_HEIGHT = 2.7
+_HEIGHT = 2.5
 _BAR = 0.34  # in, of a bar with its gap
 _AROUND = 0.9  # in, above and below bars
 
@@ -87,9 +87,9 @@ def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
         ]
         rollout, update = (float(part.mean()) for part in parts)
         axes.barh(row, rollout, 0.7, color=SERIES[0], label="rollout" if row == 0 else None)
-        axes.barh(row, update, 0.7, left=rollout, color=SERIES[1], label="update" if row == 0 else None)
-        speed = 1e6 / (rollout + update)
-        axes.text(rollout + update, row, f" {speed:,.0f} steps/s".replace(",", " "), va="center", fontsize=8)
+        bar = axes.barh(row, update, 0.7, left=rollout, color=SERIES[1], label="update" if row == 0 else None)
+        speed = f"{1e6 / (rollout + update):,.0f} steps/s".replace(",", " ")
+        axes.bar_label(bar, [speed], padding=3, fontsize=8)
         names.append(learner.name)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
@@ -98,7 +98,7 @@ def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
     axes.set_xlabel("seconds for a million env steps", color=INK)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     caption = (
-        "Time of training, without evaluations and start-up; means over seeds. Runs are comparable where they "
-        "had the same machine to themselves."
+        "Time of training, without evaluations and start-up; means over seeds. Runs are comparable where "
+        "they had the same machine to themselves."
     )
     return Picture(f"{robot}-throughput", "Throughput", caption, figure)

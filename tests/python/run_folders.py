@@ -1,0 +1,107 @@
+"""Small run folders, sweeps, diagnosers and traces, written by hand for tests of what reads them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+CLASSES = (("healthy", "none"), ("jammed_joint@0", "D1"), ("missing_toe@0", "D2"), ("missing_toe@1", "D2"))
+
+
+def write_run(
+    path: Path,
+    *,
+    seed: int = 0,
+    aware: bool = True,
+    rewards: Sequence[float] = (1.0, 2.0, 3.0, 4.0),
+    forward_rewards: Sequence[float | None] = (1.0, None, 3.0, 5.0),
+    encodings: Sequence[str] = (),
+    more: str = "",
+) -> Path:
+    """Write a run with four damage classes and an iteration of 100 env steps for each forward reward.
+
+    Iteration i has i episodes, a fall rate of i / 10, and takes 2 s for the rollout and 3 s for the update.
+    """
+    (path / "eval").mkdir(parents=True)
+    total = 100 * len(forward_rewards)
+    (path / "config.toml").write_text(
+        f'robot = "ant"\nseed = {seed}\ntotal_steps = {total}\n{more}\n'
+        f"[env]\nnum_envs = 4\nobserve_damage = {str(aware).lower()}\n"
+        "[ppo]\ngamma = 0.99\n"
+        '[[curriculum]]\nname = "all"\nbudget = 1.0\nmix = "uniform"\n'
+    )
+    meta = {"version": "0.1.0", "mujoco": "4.0.0", "backend": "lanes", "reward": "gym"}
+    (path / "meta.json").write_text(json.dumps(meta))
+    lines = [
+        {
+            "iteration": number,
+            "env_steps": 100 * number,
+            "stage": "all",
+            "episodes": number if value is not None else 0,
+            "forward_reward": value,
+            "fall_rate": number / 10 if value is not None else None,
+            "rollout_seconds": 2.0,
+            "update_seconds": 3.0,
+        }
+        for number, value in enumerate(forward_rewards, start=1)
+    ]
+    (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    for number, encoding in enumerate(("", *encodings)):
+        rows = "".join(
+            f"{index},{name},{group},8,{reward - number},0.5\n"
+            for index, ((name, group), reward) in enumerate(zip(CLASSES, rewards, strict=True))
+        )
+        file = f"per_class.{encoding}.csv" if encoding else "per_class.csv"
+        header = "class,name,group,episodes,forward_reward,standard_error\n"
+        (path / "eval" / file).write_text(header + rows)
+    return path
+
+
+def write_adaptation(run: Path) -> None:
+    """Add damage in mid-walk to a run: 90 % of the oracle with adaptation, 50 % without, no PPO-Unaware."""
+    header = (
+        "class,name,episodes,ended_before,false_alarms,detected,right_at_first,right_at_last,recovered,told,"
+        "adapted,oracle,unadapted,unaware\n"
+    )
+    rows = (
+        "0,healthy,10,0,1,0,0,10,0,healthy 10,70.0,70.0,70.0,\n"
+        "1,jammed_joint@0,10,0,0,9,8,9,7,,60.0,80.0,50.0,\n"
+        "2,missing_toe@0,10,0,0,10,9,10,8,,30.0,20.0,0.0,\n"
+    )
+    (run / "eval" / "adapt.csv").write_text(header + rows)
+
+
+def write_sweep(path: Path) -> Path:
+    """Write a sweep of two cells."""
+    path.mkdir()
+    (path / "table1.csv").write_text(
+        "robot,timesteps,method,rollouts,seeds,accuracy_pct,sd_pct,validation_accuracy_pct,"
+        "paper_accuracy_pct,paper_pm_pct\n"
+        "ant,10,A,1000,3,91.25,0.50,91.00,78.20,1.11\n"
+        "ant,10,A,2000,3,97.75,,97.00,81.40,0.60\n"
+    )
+    return path
+
+
+def write_diagnoser(path: Path) -> Path:
+    """Write a diagnoser of two classes that names 3 of 4 windows rightly."""
+    (path / "eval").mkdir(parents=True)
+    (path / "config.toml").write_text('method = "C"\ntimesteps = 50\nlstm = 32\nhead = "classes"\n')
+    lines = [{"epoch": number, "validation_accuracy": 1 - 0.5 / number} for number in (1, 2)]
+    (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (path / "eval" / "test.confusion.csv").write_text("true\\named,healthy,broken\nhealthy,2,0\nbroken,1,1\n")
+    summary = {"accuracy": 0.75, "standard_error": 0.1, "calibration_error": 0.05}
+    (path / "eval" / "test.json").write_text(json.dumps(summary))
+    return path
+
+
+def write_trace(path: Path) -> Path:
+    """Write a walk of 60 steps that is damaged in step 20 and told so in step 30."""
+    rows = ["step,forward_velocity,damage,told,event"]
+    for step in range(60):
+        events = {25: "suspected", 30: "diagnosed broken (0.97); adapted"}
+        damage, told = ("broken" if step >= 20 else "healthy"), ("broken" if step >= 30 else "healthy")
+        rows.append(f"{step},{step / 10:.1f},{damage},{told},{events.get(step, '')}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
