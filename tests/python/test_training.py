@@ -56,7 +56,7 @@ def test_a_run_folder_holds_everything_that_is_promised(finished: tuple[Path, st
     run, _, _ = finished
     assert {path.name for path in run.iterdir()} == {
         *("config.toml", "meta.json", "checkpoints", "eval"),
-            *("metrics.jsonl", "metrics.csv", "events.out.tfevents.metrics"),
+        *("metrics.jsonl", "metrics.csv", "events.out.tfevents.metrics"),
     }
     assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["00000006", "00000008"]
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
