@@ -20,7 +20,12 @@ const PATIENCE: Duration = Duration::from_millis(50);
 /// `callback` gets every object that the command prints with `--json`; when it returns `False`, the command stops in
 /// good order. The command runs in a thread of its own, so that this one hears Ctrl-C.
 #[pyfunction]
+#[expect(
+    clippy::redundant_closure_for_method_calls,
+    reason = "the method alone fixes the lifetime of its Python"
+)]
 #[pyo3(signature = (arguments, callback=None))]
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 pub fn run_command(py: Python<'_>, arguments: Vec<String>, callback: Option<Py<PyAny>>) -> PyResult<()> {
     let command = cli::parse(&arguments).map_err(|error| raise(Kind::Config, error.to_string()))?;
     let stop = Arc::new(AtomicBool::new(false));

@@ -139,7 +139,7 @@ mod tests {
         assert_eq!(rows[2][..2], ["2", ""]);
 
         log.rewind("step", 0).unwrap();
-        assert_eq!(read(), names.map(|_| Vec::new()));
+        assert_eq!(read(), names.map(|_| Vec::<u8>::new()));
         log.append(&Measured { step: 1, loss: None }).unwrap();
         let csv = fs::read_to_string(folder.join(COPIES[0].file)).unwrap();
         assert!(csv.starts_with("step,loss,unix_seconds\n1,,"), "{csv}");
