@@ -1,4 +1,4 @@
-"""Train Stable-Baselines3's PPO on damaged Ants, all in one vector env, and print how their walking changes.
+"""Train Stable-Baselines3's PPO on damaged Ants, all in one vector env, and print how fast they walk.
 
 Needs Stable-Baselines3 (``pip install 'stable-baselines3>=2.9.2'``).
 

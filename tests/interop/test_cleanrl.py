@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cleanrl")
 
-from .conftest import run_program
+from .program import run_program
 
 pytestmark = pytest.mark.interop
 

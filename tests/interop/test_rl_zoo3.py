@@ -12,7 +12,7 @@ pytest.importorskip("rl_zoo3")
 
 from stable_baselines3 import PPO
 
-from .conftest import run_program
+from .program import run_program
 
 pytestmark = pytest.mark.interop
 

@@ -21,9 +21,9 @@ __all__ = ["RslRlVecEnv"]
 class RslRlVecEnv(VecEnv):
     """A `DamageVectorEnv` as a ``VecEnv`` of rsl_rl 5.
 
-    Observations come in the groups ``"robot"`` and, where the envs observe it, ``"damage_code"``. The runner's
-    setting ``obs_groups`` says who sees what. With ``{"actor": ["robot"], "critic": ["robot", "damage_code"]}``
-    the damage is hidden from the policy alone.
+    Observations come in the groups ``"robot"`` and, where the envs observe it, ``"damage_code"``. The setting
+    ``obs_groups`` of the runner says who sees what: the damage is hidden from the policy alone by
+    ``{"actor": ["robot"], "critic": ["robot", "damage_code"]}``.
 
     Parameters
     ----------
