@@ -96,6 +96,10 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         From -1 to 1, float32 [A].
     observation_space, action_space : gymnasium.spaces.Box
         The same for all envs, [N, O] and [N, A].
+    observe_damage : bool
+        Whether observations end with the damage code.
+    max_episode_steps : int
+        Steps after which an episode is truncated.
 
     Raises
     ------
@@ -135,17 +139,21 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         self.table = class_table(
             robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
         )
+        self.observe_damage = bool(observe_damage)
+        if max_episode_steps is None:
+            max_episode_steps = self.table.robot.spec["max_episode_steps"]
+        self.max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1)
         self._core = native_env(
             self.table,
             num_envs=self.num_envs,
             damage=damage,
             reward=reward,
-            observe_damage=observe_damage,
+            observe_damage=self.observe_damage,
             autoreset=self.autoreset_mode,
             seed=seed,
             threads=threads,
             onset=onset,
-            max_episode_steps=max_episode_steps,
+            max_episode_steps=self.max_episode_steps,
             device=device,
             backend=backend,
             precision=precision,

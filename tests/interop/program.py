@@ -1,0 +1,25 @@
+"""Runs a third-party program as a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SECONDS = 560  # far more than any program needs: only a hang is cut off
+
+
+def run_program(arguments: list[str], folder: Path) -> str:
+    """Run the interpreter with `arguments` in `folder`; returns what it prints."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    assert done.returncode == 0, f"{arguments}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
