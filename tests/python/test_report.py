@@ -229,6 +229,11 @@ def test_a_path_that_is_nothing_known_is_named_and_nothing_is_written(folder: Pa
     assert files(out) == {}
 
 
+def test_a_report_of_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is nothing to report"):
+        report.write([], tmp_path / "report.html")
+
+
 def test_a_table_that_is_cut_short_is_refused(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "walk.csv")
     trace.write_text(trace.read_text()[:-10])

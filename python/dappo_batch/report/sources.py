@@ -122,10 +122,12 @@ def read(paths: Sequence[str | PathLike[str]]) -> Sources:
     Raises
     ------
     ConfigError
-        If a path does not exist or holds nothing that a report knows.
+        If there is no path, or one does not exist or holds nothing that a report knows.
     CheckpointError
         If a file cannot be read.
     """
+    if not paths:
+        raise ConfigError(f"there is nothing to report; {_EXPECTED}")
     sources = Sources()
     for path in dict.fromkeys(Path(path).resolve() for path in paths):
         _add(sources, path)
