@@ -49,6 +49,9 @@ pub enum Command {
     /// Draw runs, sweeps, diagnosers and traces into one HTML page
     #[command(disable_help_flag = true)]
     Report(ForwardedArgs),
+    /// Train every combination of a grid, and go on where it was stopped
+    #[command(disable_help_flag = true)]
+    Sweep(ForwardedArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run
