@@ -7,7 +7,7 @@ UV := .tools/bin/uv
 RUN := $(UV) run --no-sync
 CARGO_FLAGS := --release --workspace --locked
 
-.PHONY: help setup train test test-rust test-python lint format bench pictures clean
+.PHONY: help setup train test test-rust test-python lint format bench docs pictures clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -46,8 +46,11 @@ format: setup ## Format both languages
 bench: setup ## Compare env steps per second with other simulators
 	$(RUN) dappo-batch bench
 
+docs: setup ## Write the documentation as a site into site/
+	$(RUN) sphinx-build --quiet --fail-on-warning docs site
+
 pictures: setup ## Render the robots for the documentation
 	$(RUN) python docs/pictures.py
 
 clean: ## Remove everything that was built
-	rm -rf target .venv .tools
+	rm -rf target .venv .tools site
