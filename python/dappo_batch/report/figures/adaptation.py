@@ -62,7 +62,7 @@ def kept(runs: Sequence[Run], labels: Sequence[str]) -> Picture:
         "Forward reward from the damage on, as a share of that of the same policy told the truth at once "
         "(the oracle); ratio of means over all damages."
     )
-    return Picture("adaptation", "Damage in mid-walk", caption, figure)
+    return Picture("adaptation", "What is kept of the walk", caption, figure)
 
 
 def walks(traces: Sequence[Trace], name: str) -> Picture:

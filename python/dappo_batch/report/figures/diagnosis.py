@@ -95,7 +95,7 @@ def epochs(diagnosers: Sequence[Diagnoser]) -> Picture | None:
     axes.set_yscale("log")
     axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter="")
     axes.set_xlabel("epoch")
-    axes.set_ylabel("mistakes, % of validation windows")
+    axes.set_ylabel("mistakes, % of windows")
     axes.legend(loc="best")
     caption = "Share of the validation windows that were named wrongly, after each epoch."
     return Picture("diagnosers-training", "Training of the diagnosers", caption, figure)

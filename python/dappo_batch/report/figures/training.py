@@ -98,7 +98,7 @@ def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
     axes.set_xlabel("seconds for a million env steps", color=INK)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     caption = (
-        "Time of training, without evaluations and start-up; means over seeds. Runs are comparable where "
+        "Without evaluations and start-up; means over seeds. Runs are comparable where "
         "they had the same machine to themselves."
     )
-    return Picture(f"{robot}-throughput", "Throughput", caption, figure)
+    return Picture(f"{robot}-throughput", f"Time of training, {robot}", caption, figure)
