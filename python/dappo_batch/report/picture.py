@@ -78,11 +78,14 @@ def style() -> AbstractContextManager[None]:
     return matplotlib.rc_context(STYLE)
 
 
-def legend(figure: Figure, place: Literal["upper", "lower"] = "upper") -> None:
+def legend(
+    figure: Figure,
+    place: Literal["outside upper center", "outside lower center"] = "outside upper center",
+) -> None:
     """Name what is drawn outside of the axes, in two columns where the names are short enough."""
     names = figure.axes[0].get_legend_handles_labels()[1]
     short = all(len(name) <= _SHORT for name in names)
-    figure.legend(loc=f"outside {place} center", ncols=2 if short else 1)
+    figure.legend(loc=place, ncols=2 if short else 1)
 
 
 def canvas(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:

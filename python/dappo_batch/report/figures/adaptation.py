@@ -85,7 +85,7 @@ def walks(traces: Sequence[Trace], name: str) -> Picture:
     axes.set_ylabel("forward velocity, m/s")
     axes.set_xlim(left=0)
     if len(traces) > 1:
-        legend(figure, "lower")
+        legend(figure, "outside lower center")
     struck = "" if first.onset is None else f", {first.damage} from step {first.onset} on"
     caption = f"Forward velocity, mean of {_SMOOTH} steps{struck}. "
     caption += "Dashed lines: when the damage struck, and what the controller did."
