@@ -17,7 +17,7 @@ import dappo_batch
 from dappo_batch.interop.sb3 import Sb3VecEnv
 
 NUM_ENVS = 32
-HORIZON = 64
+HORIZON = 32
 
 
 class ForwardVelocity(BaseCallback):
@@ -40,11 +40,11 @@ class ForwardVelocity(BaseCallback):
 
 def main() -> None:
     """Train for a few iterations; a policy that walks needs millions of steps."""
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 3 * NUM_ENVS * HORIZON
+    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 2 * NUM_ENVS * HORIZON
     damage = {"healthy": 0.5, "jammed_joint@0": 0.25, "missing_toe@2": 0.25}
     envs = dappo_batch.make_vec("ant", NUM_ENVS, damage=damage, autoreset="same_step", seed=0)
     wrapped = VecNormalize(VecMonitor(Sb3VecEnv(envs)))
-    model = PPO("MlpPolicy", wrapped, n_steps=HORIZON, batch_size=512, n_epochs=4, seed=0, device="cpu")
+    model = PPO("MlpPolicy", wrapped, n_steps=HORIZON, batch_size=256, n_epochs=4, seed=0, device="cpu")
     model.learn(steps, callback=ForwardVelocity())
     wrapped.close()
 

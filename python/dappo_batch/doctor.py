@@ -64,7 +64,7 @@ _BACKENDS: tuple[Backend, ...] = ("mujoco", "lanes")
 _EXTRAS = (
     _Extra("pillow", "pictures, animations and captions", "pip install pillow"),
     _Extra("av", "videos as mp4", "pip install av"),
-    _Extra("matplotlib", "figures of `dappo-batch report`", "pip install 'dappo-batch[report]'"),
+    _Extra("matplotlib", "figures of `dappo-batch report`", "pip install matplotlib"),
     _Extra("tensorboard", "watching a training run", "pip install tensorboard"),
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
     _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-SECONDS = 560  # far more than any program needs: only a hang is cut off
+SECONDS = 1200  # far more than any program needs: only a hang is cut off
 
 
 def run_program(arguments: list[str], folder: Path) -> str:

@@ -260,6 +260,9 @@ def test_a_failure_in_writing_keeps_the_old_page(
     with pytest.raises(ConfigError, match="cannot be written: no space left"):
         report.write([folder / "walk.csv"], page)
     assert files(tmp_path) == {"report.html": b"old"}
+    with pytest.raises(ConfigError, match="cannot be written"):
+        report.write([folder / "walk.csv"], tmp_path / "new.html", figures=page)
+    assert files(tmp_path) == {"report.html": b"old"}
 
 
 def test_without_matplotlib_the_message_says_what_to_install(

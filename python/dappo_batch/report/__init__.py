@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
 import os
 from collections.abc import Sequence
@@ -61,15 +62,15 @@ def write(
     if importlib.util.find_spec("matplotlib") is None:
         raise RenderError(f"matplotlib is not installed, which reports need: {INSTALL}")
     sources = read(paths)
-    files = _draw(sources, page, title, None if figures is None else Path(figures))
-    for path, content in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
+    html, drawings = _draw(sources, title, None if figures is None else Path(figures))
+    for path, content in drawings.items():
         _write(path, content)
-    return list(files)
+    _write(page, html)
+    return [page, *drawings]
 
 
-def _draw(sources: Sources, page: Path, title: str, figures: Path | None) -> dict[Path, bytes]:
-    """Draw everything in memory, so that nothing is written where something cannot be drawn."""
+def _draw(sources: Sources, title: str, figures: Path | None) -> tuple[bytes, dict[Path, bytes]]:
+    """Draw the page and files in memory, so that nothing is written where something cannot be drawn."""
     # matplotlib is an extra, and takes a second to import.
     from dappo_batch.report.page import render
     from dappo_batch.report.picture import style
@@ -78,22 +79,24 @@ def _draw(sources: Sources, page: Path, title: str, figures: Path | None) -> dic
     with style():
         parts = sections(sources)
         html = render(title, f"dappo-batch {version('dappo-batch')}, {sources.summary()}", parts)
-        files = {page: html.encode()}
+        files = {}
         if figures is not None:
             for picture in (picture for part in parts for picture in part.pictures):
                 files[figures / f"{picture.name}.svg"] = picture.svg.encode()
                 files[figures / f"{picture.name}.png"] = picture.png()
-    return files
+    return html.encode(), files
 
 
 def _write(path: Path, content: bytes) -> None:
     """Write under another name first: a kill leaves the old file or the new one, never half of one."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         unfinished.write_bytes(content)
         unfinished.replace(path)
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            unfinished.unlink()
         raise ConfigError(f"{path} cannot be written: {error}") from error
 
 

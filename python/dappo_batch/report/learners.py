@@ -55,6 +55,8 @@ class Learner:
         Names.
     runs : tuple of Run
         In the order of their seeds.
+    place : int
+        Place among the learners of the robot: every figure gives it the same colour.
     """
 
     kind: str
@@ -62,6 +64,7 @@ class Learner:
     robot: str
     reward: str
     runs: tuple[Run, ...]
+    place: int
 
     def label(self) -> str:
         """Return the name with the number of seeds."""
@@ -115,13 +118,14 @@ def learners(runs: Sequence[Run]) -> list[Learner]:
         key = (_robot(run), _reward(run), _kind(run), tuple(sorted(relevant.items())))
         grouped.setdefault(key, []).append(run)
         settings[key] = relevant
-    found = []
+    found: list[Learner] = []
     for key in sorted(grouped):
         robot, reward, kind, _ = key
         rivals = [settings[other] for other in grouped if other[0] == robot and other[2] == kind]
         details = "".join(f", {text}" for text in _distinctions(settings[key], rivals))
         seeds = tuple(sorted(grouped[key], key=lambda run: (run.seed, str(run.path))))
-        found.append(Learner(kind, kind + details, robot, reward, seeds))
+        place = sum(learner.robot == robot for learner in found)
+        found.append(Learner(kind, kind + details, robot, reward, seeds, place))
     return found
 
 

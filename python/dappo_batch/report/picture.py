@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
+from typing import Literal
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -15,9 +16,10 @@ from matplotlib.figure import Figure
 
 from dappo_batch.report.theme import STYLE, WIDTH, to_variables
 
-__all__ = ["Picture", "anchor", "canvas", "style"]
+__all__ = ["Picture", "anchor", "canvas", "legend", "style"]
 
 _DPI = 300  # of PNG files: what journals ask for
+_SHORT = 22  # most letters of a name that has half of the width
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,16 @@ def anchor(name: str) -> str:
 def style() -> AbstractContextManager[None]:
     """Return a context in which figures are drawn and written."""
     return matplotlib.rc_context(STYLE)
+
+
+def legend(
+    figure: Figure,
+    place: Literal["outside upper center", "outside lower center"] = "outside upper center",
+) -> None:
+    """Name what is drawn outside of the axes, in two columns where the names are short enough."""
+    names = figure.axes[0].get_legend_handles_labels()[1]
+    short = all(len(name) <= _SHORT for name in names)
+    figure.legend(loc=place, ncols=2 if short else 1)
 
 
 def canvas(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["GRID", "INK", "MUTED", "PAPER", "SERIES", "STYLE", "WIDTH", "css_variables", "to_variables"]
+__all__ = [
+    "GRID",
+    "INK",
+    "LINE",
+    "MUTED",
+    "PAPER",
+    "SERIES",
+    "STYLE",
+    "WIDTH",
+    "css_variables",
+    "to_variables",
+]
 
 # Name, colour on light, colour on dark. Light colours must differ: they are what figures are drawn in, and
 # in the page each becomes the variable of its name.
@@ -27,6 +38,9 @@ SERIES = tuple(light for name, light, _ in _COLOURS if name.startswith("series")
 
 WIDTH = 4.0
 """Width of a figure, in: a phone shows it in about this size, so that text stays readable."""
+
+LINE = 0.16
+"""Height of a line of a legend, in."""
 
 STYLE: Any = {
     "axes.axisbelow": True,

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from dappo_batch.report.picture import Picture, canvas
+from dappo_batch.report.picture import Picture, canvas, legend
 from dappo_batch.report.sources import Trace
 from dappo_batch.report.theme import INK, MUTED, PAPER, SERIES
 from dappo_batch.runs import Run
@@ -62,7 +62,7 @@ def kept(runs: Sequence[Run], labels: Sequence[str]) -> Picture:
         "Forward reward from the damage on, as a share of that of the same policy told the truth at once "
         "(the oracle); ratio of means over all damages."
     )
-    return Picture("adaptation", "Damage in mid-walk", caption, figure)
+    return Picture("adaptation", "What is kept of the walk", caption, figure)
 
 
 def walks(traces: Sequence[Trace], name: str) -> Picture:
@@ -85,7 +85,7 @@ def walks(traces: Sequence[Trace], name: str) -> Picture:
     axes.set_ylabel("forward velocity, m/s")
     axes.set_xlim(left=0)
     if len(traces) > 1:
-        figure.legend(loc="outside lower center", ncols=2)
+        legend(figure, "outside lower center")
     struck = "" if first.onset is None else f", {first.damage} from step {first.onset} on"
     caption = f"Forward velocity, mean of {_SMOOTH} steps{struck}. "
     caption += "Dashed lines: when the damage struck, and what the controller did."

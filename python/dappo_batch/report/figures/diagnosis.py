@@ -12,9 +12,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from dappo_batch.report.picture import Picture, canvas
+from dappo_batch.report.picture import Picture, canvas, legend
 from dappo_batch.report.sources import Diagnoser, DiagnoserTest, Sweep
-from dappo_batch.report.theme import INK, MUTED, SERIES
+from dappo_batch.report.theme import INK, LINE, MUTED, SERIES
 
 __all__ = ["confusion", "epochs", "table1"]
 
@@ -77,7 +77,7 @@ def _bare(axes: Axes) -> None:
 
 def epochs(diagnosers: Sequence[Diagnoser]) -> Picture | None:
     """Draw the share of mistakes on validation windows over epochs; None if there are no epochs."""
-    figure, (axes,) = canvas(2.5)
+    figure, (axes,) = canvas(2.2 + LINE * len(diagnosers))
     drawn = False
     for index, diagnoser in enumerate(diagnosers):
         if "validation_accuracy" not in diagnoser.epochs:
@@ -95,8 +95,8 @@ def epochs(diagnosers: Sequence[Diagnoser]) -> Picture | None:
     axes.set_yscale("log")
     axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter="")
     axes.set_xlabel("epoch")
-    axes.set_ylabel("mistakes, % of validation windows")
-    axes.legend(loc="best")
+    axes.set_ylabel("mistakes, % of windows")
+    legend(figure)
     caption = "Share of the validation windows that were named wrongly, after each epoch."
     return Picture("diagnosers-training", "Training of the diagnosers", caption, figure)
 

@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from dappo_batch.report.learners import Learner
-from dappo_batch.report.picture import Picture, canvas
-from dappo_batch.report.theme import INK, MUTED, SERIES
+from dappo_batch.report.picture import Picture, canvas, legend
+from dappo_batch.report.theme import INK, LINE, MUTED, SERIES
 
 __all__ = ["against", "classes", "encodings", "groups", "means_of_groups"]
 
 _WHISKERS = "Bars are means over seeds, whiskers reach from the lowest to the highest."
 _TOLD = {"true": "the truth", "zero": "nothing", "wrong": "another damage", "random": "noise"}
-_AROUND = 0.9  # in, above and below bars
+_AROUND = 0.6  # in, above and below bars
 _CLASSES = 25
 """Most classes in one figure: it should not be much taller than a screen."""
 
@@ -115,10 +115,10 @@ def _bars(
 ) -> Picture:
     """Draw groups of bars downwards; `values` are [S, B] a learner, `thickness` is in inches."""
     group = thickness * (len(learners) + 0.6)
-    figure, (axes,) = canvas(_AROUND + group * len(names))
-    for index, (learner, rewards) in enumerate(zip(learners, values, strict=True)):
-        place = np.arange(len(names)) + (index - (len(learners) - 1) / 2) * thickness / group
-        colour = SERIES[index % len(SERIES)]
+    figure, (axes,) = canvas(_AROUND + LINE * len(learners) + group * len(names))
+    for row, (learner, rewards) in enumerate(zip(learners, values, strict=True)):
+        place = np.arange(len(names)) + (row - (len(learners) - 1) / 2) * thickness / group
+        colour = SERIES[learner.place % len(SERIES)]
         mean = rewards.mean(0)
         axes.barh(place, mean, 0.9 * thickness / group, color=colour, label=learner.label())
         if len(rewards) > 1:
@@ -129,7 +129,7 @@ def _bars(
         axes.set_xlim(right=1.05 * to)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("forward reward")
-    figure.legend(loc="outside upper center", ncols=min(2, len(learners)))
+    legend(figure)
     return Picture(file, title, f"{title}. {_WHISKERS}", figure)
 
 

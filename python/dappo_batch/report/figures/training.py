@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 
 from dappo_batch.report.learners import Learner
-from dappo_batch.report.picture import Picture, canvas
-from dappo_batch.report.theme import INK, SERIES
+from dappo_batch.report.picture import Picture, canvas, legend
+from dappo_batch.report.theme import INK, LINE, SERIES
 
 __all__ = ["curves", "throughput"]
 
-_HEIGHT = 2.5
+_HEIGHT = 2.2
 _BAR = 0.34  # in, of a bar with its gap
 _AROUND = 0.9  # in, above and below bars
 
@@ -42,22 +42,22 @@ def curves(
     Picture or None
         None if no learner has the column.
     """
-    figure, (axes,) = canvas(_HEIGHT)
-    drawn = [_curve(axes, learner, column, index, weighted) for index, learner in enumerate(learners)]
+    figure, (axes,) = canvas(_HEIGHT + LINE * len(learners))
+    drawn = [_curve(axes, learner, column, weighted) for learner in learners]
     if not any(drawn):
         return None
     axes.set_xlabel("env steps")
     axes.set_ylabel(unit)
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.set_xlim(left=0)
-    axes.legend(loc="best")
+    legend(figure)
     caption = f"{title} in training; lines are means over seeds, bands reach from the lowest to the highest."
     if weighted:
         caption += " Episodes that ended in training, with exploration noise."
     return Picture(f"{robot}-training-{column.replace('_', '-')}", title, caption, figure)
 
 
-def _curve(axes: Axes, learner: Learner, column: str, index: int, weighted: bool) -> bool:
+def _curve(axes: Axes, learner: Learner, column: str, weighted: bool) -> bool:
     curve = learner.curve(column, weighted=weighted)
     if curve is None:
         return False
@@ -65,10 +65,10 @@ def _curve(axes: Axes, learner: Learner, column: str, index: int, weighted: bool
     if not known.any():
         return False
     steps, values = curve.env_steps[known], curve.values[:, known]
-    colour = SERIES[index % len(SERIES)]
+    colour = SERIES[learner.place % len(SERIES)]
     # A single iteration is a point, which a line would not show.
     marker = "o" if len(steps) == 1 else ""
-    dash = "-" if index < len(SERIES) else "--"
+    dash = "-" if learner.place < len(SERIES) else "--"
     axes.plot(steps, values.mean(0), color=colour, linestyle=dash, marker=marker, label=learner.label())
     if len(values) > 1:
         axes.fill_between(steps, values.min(0), values.max(0), color=colour, alpha=0.2, linewidth=0)
@@ -98,7 +98,7 @@ def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
     axes.set_xlabel("seconds for a million env steps", color=INK)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     caption = (
-        "Time of training, without evaluations and start-up; means over seeds. Runs are comparable where "
+        "Without evaluations and start-up; means over seeds. Runs are comparable where "
         "they had the same machine to themselves."
     )
-    return Picture(f"{robot}-throughput", "Throughput", caption, figure)
+    return Picture(f"{robot}-throughput", f"Time of training, {robot}", caption, figure)
