@@ -44,5 +44,6 @@ def _alone(path: Path) -> Iterator[None]:
 
 
 def _is_done(run: Run) -> bool:
-    steps = run.metrics.get("env_steps", ())
-    return len(steps) > 0 and steps[-1] >= run.config["total_steps"] and "true" in run.per_class
+    steps = run.metrics.get("env_steps")
+    is_trained = steps is not None and len(steps) > 0 and bool(steps[-1] >= run.config["total_steps"])
+    return is_trained and "true" in run.per_class
