@@ -1,4 +1,4 @@
-"""The documentation as a site: it is built without a warning, and holds every page and the whole interface."""
+"""The documentation as a site: it is built without a warning, and holds every page and every name."""
 
 from __future__ import annotations
 
