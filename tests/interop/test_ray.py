@@ -19,18 +19,18 @@ from dappo_batch.executors.ray import RayExecutor
 
 pytestmark = [pytest.mark.interop, pytest.mark.filterwarnings("ignore")]
 
+ITERATIONS = 300
 BASE = {
     "threads": 1,
     "envs": 4,
-    "steps": 64 * 400,
+    "steps": 64 * ITERATIONS,
     "horizon": 16,
     "ppo.hidden": [8],
     "evaluation.episodes": 1,
     "damage.max_damaged_limbs": 0,
     "env.max_episode_steps": 20,
-    "checkpoint.every": 5,
+    "checkpoint.every": 10,
 }
-ITERATIONS = 400
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def cluster() -> Iterator[tuple[Any, Any]]:
 
 def test_a_lost_node_loses_no_cell_and_repeats_none(cluster: tuple[Any, Any], tmp_path: Path) -> None:
     nodes, doomed = cluster
-    out, seeds = tmp_path / "sweep", [0, 1, 2, 3]
+    out, seeds = tmp_path / "sweep", [0, 1, 2]
 
     def progress(seed: int) -> int:
         lines = out / f"seed={seed}" / "metrics.jsonl"
@@ -62,7 +62,7 @@ def test_a_lost_node_loses_no_cell_and_repeats_none(cluster: tuple[Any, Any], tm
             assert not sweep.done(), sweep.result()
             time.sleep(0.02)
         nodes.remove_node(doomed, allow_graceful=False)
-        cells = sweep.result(timeout=240)
+        cells = sweep.result(timeout=600)
     assert [cell.error for cell in cells] == [None] * len(seeds)
     for cell in cells:
         run = cell.run()
