@@ -5,9 +5,10 @@ SHELL := /bin/bash
 UV_VERSION := 0.13.9
 UV := .tools/bin/uv
 RUN := $(UV) run --no-sync
+MATURIN := $(UV) run --locked --isolated --only-group wheels maturin
 CARGO_FLAGS := --release --workspace --locked
 
-.PHONY: help setup train test test-rust test-python lint format bench pictures clean
+.PHONY: help setup train test test-rust test-python lint format bench docs pictures wheels clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -46,8 +47,22 @@ format: setup ## Format both languages
 bench: setup ## Compare env steps per second with other simulators
 	$(RUN) dappo-batch bench
 
+docs: setup ## Write the documentation as a site into site/
+	$(RUN) sphinx-build --quiet --fail-on-warning docs site
+
 pictures: setup ## Render the robots for the documentation
 	$(RUN) python docs/pictures.py
 
+wheels: $(UV) ## Build wheels for Linux on x86_64 and aarch64 and an sdist into dist/, and try this machine's
+	for machine in x86_64 aarch64; do \
+	  rustup target add $$machine-unknown-linux-gnu && \
+	  $(MATURIN) build --release --locked --zig --target $$machine-unknown-linux-gnu \
+	    --compatibility manylinux_2_28 --out dist || exit 1; \
+	done
+	$(MATURIN) sdist --out dist
+	$(UV) venv --clear --quiet target/smoke
+	$(UV) pip install --quiet --python target/smoke dist/*$$(uname -m).whl
+	target/smoke/bin/python tests/smoke.py
+
 clean: ## Remove everything that was built
-	rm -rf target .venv .tools
+	rm -rf target dist .venv .tools site

@@ -33,6 +33,7 @@ from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
 from dappo_batch.policy import Policy
 from dappo_batch.robots import ROBOTS, Robot, load_robot
 from dappo_batch.runs import Run, load_run
+from dappo_batch.sweeping import sweep
 
 __all__ = [
     "ROBOTS",
@@ -62,6 +63,7 @@ __all__ = [
     "load_run",
     "make_vec",
     "resume",
+    "sweep",
     "train",
     "train_diagnoser",
 ]

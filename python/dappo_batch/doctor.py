@@ -64,6 +64,7 @@ _BACKENDS: tuple[Backend, ...] = ("mujoco", "lanes")
 _EXTRAS = (
     _Extra("pillow", "pictures, animations and captions", "pip install pillow"),
     _Extra("av", "videos as mp4", "pip install av"),
+    _Extra("mjviser", "walks in a browser: `dappo-batch view --browser`", "pip install mjviser"),
     _Extra("matplotlib", "figures of `dappo-batch report`", "pip install matplotlib"),
     _Extra("tensorboard", "watching a training run", "pip install tensorboard"),
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),

@@ -1,10 +1,14 @@
-"""Backends, and trained networks that tests share."""
+"""Backends, trained networks and an OpenGL that tests share."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+
+import dappo_batch
+from dappo_batch import render
+from dappo_batch.render import RenderError, Walk
 
 from .command_line import dappo_batch_many
 
@@ -35,3 +39,13 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert [code for code, _, _ in done] == [0] * len(done), done
     return root
+
+
+@pytest.fixture(scope="session")
+def opengl() -> None:
+    """Skip a test where nothing can be drawn."""
+    table = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
+    try:
+        list(render.frames(Walk(table, table.models[0].qpos0), [0], size=(32, 24), captioned=False))
+    except RenderError as error:
+        pytest.skip(str(error))

@@ -12,10 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import dappo_batch
-from dappo_batch import render
-from dappo_batch.render import RenderError, Walk
-
 from .command_line import TINY, dappo_batch_many, start
 from .command_line import dappo_batch as run
 
@@ -46,16 +42,6 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert [code for code, _, _ in done] == [0] * len(done), done
     return root
-
-
-@pytest.fixture(scope="module")
-def opengl() -> None:
-    """Skip a test where nothing can be drawn."""
-    table = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
-    try:
-        list(render.frames(Walk(table, table.models[0].qpos0), [0], size=(32, 24), captioned=False))
-    except RenderError as error:
-        pytest.skip(str(error))
 
 
 def adapt(parts: Path, *more: str | Path) -> tuple[str | Path, ...]:

@@ -16,10 +16,10 @@ from PIL import Image
 
 import dappo_batch
 from dappo_batch import ConfigError, DappoError, render
-from dappo_batch.render import RenderError, Walk, encoders, film, opengl, window
+from dappo_batch.render import RenderError, Walk, encoders, film, opengl
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
-from dappo_batch.render.scene import RED, painted
+from dappo_batch.render.scene import RED, become, painted
 
 Picture = NDArray[np.uint8]
 WIDTH, HEIGHT = 96, 64
@@ -221,7 +221,7 @@ def test_a_window_without_a_screen_is_refused_with_what_works_instead(
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(RenderError, match=r"no screen.*`dappo-batch render` draws into a file"):
+    with pytest.raises(RenderError, match=r"no screen.*`dappo-batch view --browser`"):
         render.view(walk)
     monkeypatch.setenv("DISPLAY", ":0")
     render.check_screen()
@@ -229,7 +229,7 @@ def test_a_window_without_a_screen_is_refused_with_what_works_instead(
 
 def test_a_window_shows_the_body_of_the_damaged_robot_as_well_as_its_colours(walk: Walk) -> None:
     healthy, damaged = (painted(walk.table, walk.table.space.parse(name)) for name in (0, walk.damage))
-    window._become(healthy, damaged)
+    become(healthy, damaged)
     toe = healthy.geom(walk.table.robot.limbs[0].toe_geom)
     np.testing.assert_array_equal(
         toe.size, walk.table.models[walk.table.space.parse("missing_toe@0")].geom(toe.id).size

@@ -1,14 +1,25 @@
 """Moving pictures of walking robots: damaged limbs change their colour when the damage strikes.
 
-`Walk` says what to show, `write` draws it into an mp4, GIF or PNG file, `frames` hands over the pictures, and
-`view` opens a window.
+`Walk` says what to show, `write` draws it into an mp4, GIF or PNG file, `frames` hands over the pictures,
+`view` opens a window, and `browse` serves a page.
 """
 
 from __future__ import annotations
 
+from dappo_batch.render.browser import browse, check_browser
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.film import check, frames, write
 from dappo_batch.render.walk import Walk
 from dappo_batch.render.window import check_screen, view
 
-__all__ = ["RenderError", "Walk", "check", "check_screen", "frames", "view", "write"]
+__all__ = [
+    "RenderError",
+    "Walk",
+    "browse",
+    "check",
+    "check_browser",
+    "check_screen",
+    "frames",
+    "view",
+    "write",
+]

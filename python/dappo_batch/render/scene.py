@@ -14,7 +14,7 @@ from dappo_batch.class_table import ClassTable
 from dappo_batch.render.camera import View, view
 from dappo_batch.render.walk import Walk
 
-__all__ = ["RED", "Scene", "painted", "scene"]
+__all__ = ["RED", "Scene", "become", "looks", "painted", "scene"]
 
 RED = (0.85, 0.16, 0.12, 1.0)
 _AMBIENT = 0.3  # of white light: what lies in the shade can still be told apart
@@ -51,7 +51,7 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int) -> Scene:
     """Return the pictures of some states of a walk."""
     seen = view(walk.table, walk.states, walk.step_seconds)
     classes = walk.damage_classes[list(states)].tolist()
-    models = {damage_class: painted(walk.table, damage_class) for damage_class in set(classes)}
+    models = looks(walk.table, classes)
     for model in models.values():
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         model.vis.global_.fovy = seen.fovy
@@ -59,6 +59,20 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int) -> Scene:
         model.vis.map.shadowclip = seen.distance / model.stat.extent
     chosen = View(seen.azimuth, seen.elevation, seen.distance, seen.fovy, seen.lookat[list(states)])
     return Scene(models, classes, walk.states[list(states)], chosen, width, height)
+
+
+def looks(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel]:
+    """Return a model with its colours for every damage class that occurs."""
+    return {damage_class: painted(table, damage_class) for damage_class in set(classes)}
+
+
+def become(model: mujoco.MjModel, other: mujoco.MjModel) -> None:
+    """Let a model look and move as another of its class table."""
+    for name in dir(model):
+        if name.startswith(("body_", "jnt_", "geom_", "mat_")):
+            numbers = getattr(model, name)
+            if isinstance(numbers, np.ndarray):
+                numbers[:] = getattr(other, name)
 
 
 def painted(table: ClassTable, damage_class: int) -> mujoco.MjModel:

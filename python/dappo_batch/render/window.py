@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import sys
 import time
 
 import mujoco
-import numpy as np
 
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
-from dappo_batch.render.scene import painted
+from dappo_batch.render.scene import become, looks
 from dappo_batch.render.walk import Walk
 
 __all__ = ["check_screen", "view"]
@@ -32,7 +32,8 @@ def check_screen() -> None:
     if sys.platform == "linux" and not any(os.environ.get(name) for name in names):
         raise RenderError(
             "there is no screen to open a window on (neither DISPLAY nor WAYLAND_DISPLAY is set);"
-            " `dappo-batch render` draws into a file without one"
+            " `dappo-batch view --browser` shows the walk on a page,"
+            " and `dappo-batch render` draws it into a file"
         )
 
 
@@ -54,8 +55,8 @@ def view(walk: Walk) -> None:
     from mujoco import viewer
 
     classes, said = walk.damage_classes.tolist(), captions(walk)
-    looks = {damage_class: painted(walk.table, damage_class) for damage_class in set(classes)}
-    shown, model = classes[0], painted(walk.table, classes[0])
+    models = looks(walk.table, classes)
+    shown, model = classes[0], copy.copy(models[classes[0]])
     data = mujoco.MjData(model)
     data.qpos[:] = walk.states[0]
     start = camera_of(walk.table, walk.states[:1], walk.step_seconds)
@@ -71,7 +72,7 @@ def view(walk: Walk) -> None:
                 begin = time.perf_counter()
                 with window.lock():
                     if damage_class != shown:
-                        _become(model, looks[damage_class])
+                        become(model, models[damage_class])
                         shown = damage_class
                     data.qpos[:] = state
                     mujoco.mj_forward(model, data)
@@ -79,15 +80,6 @@ def view(walk: Walk) -> None:
                 window.sync()
                 time.sleep(max(0.0, walk.step_seconds - (time.perf_counter() - begin)))
             time.sleep(_PAUSE_SECONDS)
-
-
-def _become(model: mujoco.MjModel, other: mujoco.MjModel) -> None:
-    """Let a model look and move as another of its class table."""
-    for name in dir(model):
-        if name.startswith(("body_", "jnt_", "geom_", "mat_")):
-            numbers = getattr(model, name)
-            if isinstance(numbers, np.ndarray):
-                numbers[:] = getattr(other, name)
 
 
 def _plain(caption: Caption) -> str:

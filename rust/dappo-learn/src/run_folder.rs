@@ -1,6 +1,7 @@
 //! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -74,6 +75,22 @@ impl RunFolder {
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// Keeps other processes from training this run until the file is dropped; the lock of a killed process is gone.
+    pub fn lock(&self) -> Result<File> {
+        let path = self.root.join("lock");
+        let file = File::create(&path).map_err(io(&path))?;
+        match file.try_lock() {
+            Ok(()) => Ok(file),
+            Err(TryLockError::WouldBlock) => Err(LearnError::Invalid(format!(
+                "{} is being trained by another process; wait for its end, or choose another folder",
+                self.root.display()
+            ))),
+            // Some network disks have no locks.
+            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(file),
+            Err(TryLockError::Error(error)) => Err(io(&path)(error)),
+        }
     }
 
     fn config_path(&self) -> PathBuf {

@@ -49,6 +49,7 @@ pub fn train(
     resume: bool,
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
+    let _lock = run.lock()?;
     let mut session = Session::new(config, factory)?;
     let is_fresh = !run.has_metrics() && !Checkpoint::any(&run.checkpoints())?;
     if resume && !is_fresh {

@@ -38,6 +38,11 @@ pub fn check_screen(py: Python<'_>) -> PyResult<()> {
     render(py)?.call_method0("check_screen").map(drop)
 }
 
+/// Refuses to serve a page where packages are missing or the address is wrong, before a walk is spent on it.
+pub fn check_browser(py: Python<'_>, host: &str, port: u16) -> PyResult<()> {
+    render(py)?.call_method1("check_browser", (host, port)).map(drop)
+}
+
 fn render(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
     py.import("dappo_batch.render")
 }
@@ -56,6 +61,12 @@ impl Film<'_> {
     pub fn show(&self, py: Python<'_>, caller: &Caller) -> PyResult<()> {
         caller.leave_to_python(py)?;
         render(py)?.call_method1("view", (self.in_python(py)?,)).map(drop)
+    }
+
+    /// Serves a page with it until interrupted.
+    pub fn serve(&self, py: Python<'_>, host: &str, port: u16, caller: &Caller) -> PyResult<()> {
+        caller.leave_to_python(py)?;
+        render(py)?.call_method1("browse", (self.in_python(py)?, host, port)).map(drop)
     }
 
     fn in_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

@@ -61,6 +61,7 @@ pub fn run(py: Python<'_>, cli: &Cli, argv: &[String], caller: &Caller) -> PyRes
         Command::Export(arguments) => export::run(py, arguments),
         Command::Render(arguments) => render::run(py, arguments, caller),
         Command::View(arguments) => render::view(py, arguments, caller),
+        Command::Sweep(arguments) => forward(py, "dappo_batch.sweeping.command", arguments),
         Command::Report(arguments) => forward(py, "dappo_batch.report", arguments),
         Command::Classes(arguments) => classes::run(py, arguments, caller),
         Command::Config(arguments) => settings::print(py, arguments),

@@ -1,4 +1,4 @@
-//! `dappo-batch render` and `dappo-batch view`: one walk, in a file or in a window.
+//! `dappo-batch render` and `dappo-batch view`: one walk, in a file, a window or a browser.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,7 +10,7 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
 use pyo3::prelude::*;
 
-use super::args::{RenderArgs, WalkArgs};
+use super::args::{RenderArgs, ViewArgs, WalkArgs};
 use super::film::{self, Film, Walker};
 use super::{Caller, INTERRUPTED, policy, settings};
 use crate::controller::Parts;
@@ -22,9 +22,14 @@ pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<
     film_walk(py, &arguments.walk, caller, |film| film.write(py, &arguments.out, caller))
 }
 
-pub fn view(py: Python<'_>, arguments: &WalkArgs, caller: &Caller) -> PyResult<i32> {
+pub fn view(py: Python<'_>, arguments: &ViewArgs, caller: &Caller) -> PyResult<i32> {
+    let (host, port) = (&arguments.host, arguments.port);
+    if arguments.browser {
+        film::check_browser(py, host, port)?;
+        return film_walk(py, &arguments.walk, caller, |film| film.serve(py, host, port, caller));
+    }
     film::check_screen(py)?;
-    film_walk(py, arguments, caller, |film| film.show(py, caller))
+    film_walk(py, &arguments.walk, caller, |film| film.show(py, caller))
 }
 
 /// Lets a robot walk and hands over the film.

@@ -7,7 +7,7 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Level(Kind);
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
 pub(super) enum Kind {
     /// What every CPU of the target has.
     Portable,
@@ -38,17 +38,16 @@ impl Level {
     /// Every level of this machine, narrowest first.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        let mut levels = vec![Self(Kind::Portable)];
-        #[cfg(target_arch = "x86_64")]
-        {
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                levels.push(Self(Kind::Avx2));
-            }
-            if Self::best() == Self(Kind::Avx512) {
-                levels.push(Self(Kind::Avx512));
-            }
-        }
-        levels
+        let all = [
+            Kind::Portable,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512,
+        ];
+        // A CPU with AVX-512 has AVX2 as well.
+        let Self(best) = Self::best();
+        all.into_iter().filter(|kind| *kind <= best).map(Self).collect()
     }
 
     pub(super) fn kind(self) -> Kind {

@@ -18,7 +18,7 @@ pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
 pub use export::ExportArgs;
-pub use render::{RenderArgs, WalkArgs};
+pub use render::{RenderArgs, ViewArgs, WalkArgs};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -44,11 +44,14 @@ pub enum Command {
     Export(ExportArgs),
     /// Draw a walk into a video, an animation or a picture
     Render(RenderArgs),
-    /// Show a walk in a window, again and again
-    View(WalkArgs),
+    /// Show a walk in a window or a browser, again and again
+    View(ViewArgs),
     /// Draw runs, sweeps, diagnosers and traces into one HTML page
     #[command(disable_help_flag = true)]
     Report(ForwardedArgs),
+    /// Train every combination of a grid, and go on where it was stopped
+    #[command(disable_help_flag = true)]
+    Sweep(ForwardedArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

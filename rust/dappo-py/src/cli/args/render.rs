@@ -45,3 +45,20 @@ pub struct WalkArgs {
     #[command(flatten)]
     pub simulation: SimulationArgs,
 }
+
+/// The arguments of `dappo-batch view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// The walk.
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    /// Serve a page for browsers instead of opening a window
+    #[arg(long)]
+    pub browser: bool,
+    /// Address of the page: localhost is for this machine alone, 0.0.0.0 for all that can reach it
+    #[arg(long, requires = "browser", default_value = "localhost")]
+    pub host: String,
+    /// Port of the page, or the first free one after it
+    #[arg(long, requires = "browser", value_name = "N", default_value = "8080")]
+    pub port: u16,
+}

@@ -1,0 +1,54 @@
+"""The documentation as a site: ``make docs`` writes it to ``site``."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from docutils import nodes
+from sphinx.addnodes import download_reference, pending_xref
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[1]
+CARGO = tomllib.loads((ROOT / "Cargo.toml").read_text())
+REPOSITORY = f"{CARGO['workspace']['package']['repository']}/blob/main"
+
+project = "dappo-batch"
+copyright = "the authors of dappo-batch"
+release = importlib.metadata.version("dappo-batch")
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+html_theme = "furo"
+html_title = "dappo-batch"
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+# Fences of the guides say whether tests run them, which a highlighter need not know.
+suppress_warnings = ["misc.highlighting_failure"]
+
+
+def to_the_repository(app: Sphinx, tree: nodes.document) -> None:
+    """Let links to files outside of the site lead to the repository."""
+    env = app.env
+    page = Path(env.doc2path(env.current_document.docname))
+    for node in [*tree.findall(pending_xref), *tree.findall(download_reference)]:
+        target, _, anchor = node["reftarget"].partition("#")
+        # The README, which is part of the first page, lies in the root.
+        places = [place / f"{target}{end}" for place in (page.parent, ROOT) for end in ("", ".md")]
+        path = next((place.resolve() for place in places if target and place.exists()), None)
+        if path is None or env.path2doc(path) in env.found_docs:
+            continue
+        address = f"{REPOSITORY}/{path.relative_to(ROOT)}" + (f"#{anchor}" if anchor else "")
+        node.replace_self(nodes.reference("", "", *node.children, refuri=address, internal=False))
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what this site does by itself, before Sphinx copies the files that can be downloaded."""
+    app.connect("doctree-read", to_the_repository, priority=100)

@@ -1,0 +1,167 @@
+"""A page on which a walk is shown, for machines without a screen; needs the extra ``viewer``."""
+
+from __future__ import annotations
+
+import copy
+import errno
+import importlib.util
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from dappo_batch.render.camera import View
+from dappo_batch.render.camera import view as camera_of
+from dappo_batch.render.captions import Caption, captions
+from dappo_batch.render.errors import RenderError
+from dappo_batch.render.scene import become, looks
+from dappo_batch.render.walk import Walk
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+__all__ = ["Player", "browse", "check_browser"]
+
+_SPEEDS = ("1", "1/2", "1/4", "1/10")
+
+
+def check_browser(host: str = "localhost", port: int = 8080) -> None:
+    """Refuse to serve a page where packages are missing or the address is not this machine's.
+
+    Raises
+    ------
+    RenderError
+        If so.
+    """
+    if importlib.util.find_spec("mjviser") is None:
+        raise RenderError(
+            "mjviser is not installed, which pages with walks need: pip install 'dappo-batch[viewer]'"
+        )
+    try:
+        socket.create_server((host, port)).close()
+    except OSError as error:
+        # The server will take the next port, but waits for ever at an address of another machine.
+        if error.errno != errno.EADDRINUSE:
+            raise RenderError(f"no page can be served at {host}:{port}: {error}") from error
+
+
+def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
+    """Serve a page that shows a walk in real time, again and again, until Ctrl-C.
+
+    Parameters
+    ----------
+    walk : Walk
+        What to show.
+    host : str
+        Address of the page: ``localhost`` for this machine alone, ``0.0.0.0`` for all that can reach it.
+    port : int
+        The port, or the first free one after it.
+
+    Raises
+    ------
+    RenderError
+        If packages are missing or the page cannot be served.
+    """
+    check_browser(host, port)
+    # Imported late: only this needs the extra.
+    from viser import ViserServer
+
+    server = ViserServer(host=host, port=port, label="dappo-batch")
+    try:
+        player = Player(walk, server)
+        address = f"http://{host}:{server.get_port()}"
+        print(f"{address} shows the walk until Ctrl-C", file=sys.stderr, flush=True)
+        player.play()
+    finally:
+        server.stop()
+
+
+class Player:
+    """A walk on a page: the robot, what is said about it, and what a visitor can press.
+
+    Parameters
+    ----------
+    walk : Walk
+        What to show.
+    server : viser.ViserServer
+        Serves the page.
+    """
+
+    def __init__(self, walk: Walk, server: ViserServer) -> None:
+        from mjviser import ViserMujocoScene
+
+        self._walk = walk
+        self._classes = walk.damage_classes.tolist()
+        self._captions = captions(walk)
+        self._looks = looks(walk.table, self._classes)
+        self._camera = camera_of(walk.table, walk.states, walk.step_seconds)
+        self._shown = self._classes[0]
+        self._scene = ViserMujocoScene(server, copy.copy(self._looks[self._shown]), num_envs=1)
+        # Its own tracking would pass every sway of the robot on to the floor.
+        self._scene.camera_tracking_enabled = False
+        self._look(server, self._camera)
+        self.caption = server.gui.add_markdown("")
+        self.step = server.gui.add_slider(
+            "step", min=0, max=max(1, len(self._classes) - 1), step=1, initial_value=0
+        )
+        self.playing = server.gui.add_checkbox("play", initial_value=True)
+        self.speed = server.gui.add_dropdown("speed", _SPEEDS)
+        self.show(0)
+
+    @staticmethod
+    def _look(server: ViserServer, camera: View) -> None:
+        """Let visitors begin where the films are taken from."""
+        azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
+        ahead = np.array(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        )
+        server.initial_camera.position = tuple(-camera.distance * ahead)
+        server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        server.initial_camera.fov = float(np.radians(camera.fovy))
+        server.scene.set_up_direction("+z")
+
+    def show(self, step: int) -> None:
+        """Show a state of the walk.
+
+        Parameters
+        ----------
+        step : int
+            Its index.
+        """
+        damage_class = self._classes[step]
+        scene = self._scene
+        if damage_class != self._shown:
+            become(scene.mj_model, self._looks[damage_class])
+            scene.rebuild_visual_handles()
+            self._shown = damage_class
+        data = scene.mj_data
+        data.qpos[:] = self._walk.states[step]
+        mujoco.mj_kinematics(scene.mj_model, data)
+        # The world moves below a visitor who follows the robot.
+        middle = self._camera.lookat[step]
+        scene.update_from_arrays(data.xpos[None] - middle, data.xmat.reshape(1, -1, 3, 3))
+        scene.fixed_bodies_frame.position = tuple(-middle)
+        self.caption.content = _marked_down(self._captions[step])
+
+    def play(self) -> None:
+        """Show one state after the other, from the first again after the last, until interrupted."""
+        shown = 0
+        while True:
+            begin = time.perf_counter()
+            step = min(int(self.step.value), len(self._classes) - 1)
+            if step != shown:
+                self.show(step)
+                shown = step
+            slowness = int(self.speed.value.rpartition("/")[2])
+            time.sleep(max(0.0, slowness * self._walk.step_seconds - (time.perf_counter() - begin)))
+            # A visitor may have moved the slider meanwhile.
+            if self.playing.value and self.step.value == step:
+                self.step.value = (step + 1) % len(self._classes)  # type: ignore[misc]
+
+
+def _marked_down(caption: Caption) -> str:
+    damage = f"**{caption.damage}**" if caption.damaged else caption.damage
+    return "\n\n".join(line for line in (caption.time, damage, caption.belief) if line)

@@ -1,0 +1,49 @@
+"""What a worker of a sweep does."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, cast
+
+from dappo_batch.commands import TrainingOptions, resume, train
+from dappo_batch.runs import Run, load_run
+
+__all__ = ["processes", "train_cell"]
+
+
+def processes(jobs: int) -> ProcessPoolExecutor:
+    """Return an executor of so many processes on this machine."""
+    # A forked process would share threads and locks of this one.
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+
+
+def train_cell(path: str, options: dict[str, Any]) -> None:
+    """Do what is missing of one cell, after whoever else is at it.
+
+    A cluster that lost sight of a worker starts another one, while the first may still be alive.
+    """
+    folder = Path(path)
+    with _alone(folder.with_name(f".{folder.name}.lock")):
+        if not (folder / "config.toml").exists():
+            train(folder, **cast("TrainingOptions", options))
+        elif not _is_done(load_run(folder)):
+            resume(folder, threads=options.get("threads"))
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Wait for a lock, which a killed process holds no longer."""
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _is_done(run: Run) -> bool:
+    steps = run.metrics.get("env_steps")
+    is_trained = steps is not None and len(steps) > 0 and bool(steps[-1] >= run.config["total_steps"])
+    return is_trained and "true" in run.per_class

@@ -1,0 +1,140 @@
+"""Sweeps: every cell is trained once, whatever happens on the way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dappo_batch
+from dappo_batch import ConfigError
+from dappo_batch.sweeping import sweep
+
+from .command_line import ITERATION, PROGRAM, dappo_batch_many, files, metrics
+
+BASE = {
+    "threads": 1,
+    "envs": 4,
+    "steps": 2 * ITERATION,
+    "horizon": 16,
+    "env.max_episode_steps": 20,
+    "ppo.hidden": [8],
+    "evaluation.episodes": 1,
+    "damage.max_damaged_limbs": 0,
+}
+GRID = {"seed": [0, 1], "unaware": [False, True]}
+
+
+class Inline(Executor):
+    """Runs calls at once, and counts them."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
+        future: Future[Any] = Future()
+        self.calls.append(args[0])
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def test_every_combination_is_trained_as_if_alone_and_never_again(tmp_path: Path) -> None:
+    told: list[Path] = []
+    cells = sweep(
+        BASE, GRID, tmp_path / "sweep", executor=Inline(), callback=lambda cell: told.append(cell.path)
+    )
+    assert [cell.values for cell in cells] == [
+        {"seed": seed, "unaware": unaware} for seed in (0, 1) for unaware in (False, True)
+    ]
+    assert [cell.path.name for cell in cells] == [
+        *("seed=0,unaware=false", "seed=0,unaware=true", "seed=1,unaware=false", "seed=1,unaware=true"),
+    ]
+    assert sorted(told) == sorted(cell.path for cell in cells)
+    assert [(cell.run().seed, cell.run().observes_damage) for cell in cells] == [
+        *((0, True), (0, False), (1, True), (1, False)),
+    ]
+    settings = {key: value for key, value in BASE.items() if key not in {"threads", "envs", "steps"}}
+    alone = dappo_batch.train(
+        tmp_path / "alone", threads=1, envs=4, steps=2 * ITERATION, seed=1, unaware=True, set=settings
+    )
+    assert metrics(cells[3].path) == metrics(alone.path)
+
+    before = files(tmp_path / "sweep")
+    again = sweep(BASE, GRID | {"seed": [1, 2]}, tmp_path / "sweep", executor=Inline())
+    assert [cell.error for cell in again] == [None] * 4
+    after = files(tmp_path / "sweep")
+    assert {name: after[name] for name in before} == before
+    assert {Path(name).parts[0] for name in after.keys() - before.keys() if not name.endswith(".lock")} == {
+        *("seed=2,unaware=false", "seed=2,unaware=true"),
+    }
+
+
+def test_a_cell_that_fails_says_why_and_does_not_stop_the_others(tmp_path: Path) -> None:
+    cells = sweep(BASE, {"ppo.gamma": [2.0, 0.9]}, tmp_path / "sweep", executor=Inline())
+    assert "ConfigError" in (cells[0].error or "")
+    assert "gamma" in (cells[0].error or "")
+    assert cells[1].error is None
+    assert len(cells[1].run().metrics["kl"]) == 2
+
+
+def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: Path) -> None:
+    out = tmp_path / "sweep"
+    base = ("steps=6400", "envs=4", "threads=1", "horizon=16", "ppo.hidden=[8]", "evaluation.episodes=1")
+    command = (
+        *("sweep", "--out", out, "--jobs", "2", "--grid", "seed=0,1,2", "--base", *base),
+        *("damage.max_damaged_limbs=0", "env.max_episode_steps=20", "checkpoint.every=5"),
+    )
+    # A group of its own, so that the workers can be killed with it.
+    process = subprocess.Popen([*PROGRAM, *map(str, command)], start_new_session=True)
+    begun = out / "seed=1" / "metrics.jsonl"
+    deadline = time.monotonic() + 60
+    while not (begun.exists() and begun.read_text().count("\n") >= 7):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    ((code, printed, _),) = dappo_batch_many(command)
+    assert code == 0
+    assert printed.startswith("3 of 3 trainings are done")
+    straight = dappo_batch.load_run(out / "seed=1")
+    assert straight.metrics["iteration"].tolist() == list(range(1, 101))
+    assert "true" in straight.per_class
+
+
+def test_another_base_and_an_empty_grid_are_refused(tmp_path: Path) -> None:
+    sweep(BASE, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
+    with pytest.raises(ConfigError, match="another base"):
+        sweep(BASE | {"envs": 8}, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
+    with pytest.raises(ConfigError, match="no values for seed"):
+        sweep(BASE, {"seed": []}, tmp_path / "other", executor=Inline())
+    with pytest.raises(ConfigError, match="two cells"):
+        sweep(BASE, {"seed": [0, 0]}, tmp_path / "other", executor=Inline())
+
+
+def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
+    def train(_: int) -> str:
+        options = {
+            "threads": 1,
+            "envs": 4,
+            "steps": 200 * ITERATION,
+            "set": {"horizon": 16, "ppo.hidden": [8]},
+        }
+        program = f"import dappo_batch; dappo_batch.train({str(tmp_path / 'run')!r}, **{options!r})"
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+        return done.stderr
+
+    with ThreadPoolExecutor(2) as pool:
+        errors = list(pool.map(train, range(2)))
+    assert sorted(bool(error) for error in errors) == [False, True]
+    assert any("already holds a run" in error or "trained by another process" in error for error in errors)
