@@ -5,9 +5,9 @@ use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
 use dappo_sim::{Backend, DamageSpace, Robot, SimError};
 
 use crate::config::Config;
+use crate::engine::{HostEngine, RolloutEngine};
 use crate::error::Result;
 use crate::simulator::{Compute, Simulator};
-use crate::train::{HostEngine, RolloutEngine};
 
 /// Lengths of what a policy sees and does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

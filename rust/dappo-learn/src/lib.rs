@@ -17,6 +17,7 @@ pub mod checkpoint;
 pub mod config;
 pub mod controller;
 pub mod diagnose;
+pub mod engine;
 pub mod envs;
 pub mod episodes;
 pub mod error;

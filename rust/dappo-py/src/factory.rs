@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use dappo_learn::config::Config;
+use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::{EnvFactory, Sizes};
-use dappo_learn::train::{HostEngine, RolloutEngine};
 use dappo_learn::{Compute, Simulator};
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;

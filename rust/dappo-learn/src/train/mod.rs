@@ -1,7 +1,5 @@
 //! Training: collect, estimate, update, report — and what surrounds it.
 
-mod engine;
-mod host;
 mod session;
 
 use std::time::Instant;
@@ -17,8 +15,6 @@ use crate::metrics::Metrics;
 use crate::ppo::Ppo;
 use crate::run_folder::RunFolder;
 
-pub use engine::RolloutEngine;
-pub use host::HostEngine;
 use session::Session;
 
 /// Whoever watches a training run.

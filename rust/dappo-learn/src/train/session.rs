@@ -2,13 +2,13 @@
 
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
+use crate::engine::RolloutEngine;
 use crate::envs::{EnvFactory, Sizes};
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 use crate::run_folder::RunFolder;
-use crate::train::RolloutEngine;
 
 pub(super) struct Session {
     pub ppo: Ppo,

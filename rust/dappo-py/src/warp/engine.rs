@@ -1,9 +1,9 @@
 //! Whole rollouts on the device: policy, physics, ends and resets in one captured graph, one call a rollout.
 
 use dappo_learn::config::Config;
+use dappo_learn::engine::RolloutEngine;
 use dappo_learn::envs::Sizes;
 use dappo_learn::episodes::EpisodeTracker;
-use dappo_learn::train::RolloutEngine;
 use dappo_learn::{LearnError, Ppo, Result, Rollout};
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::curriculum::ClassDistribution;

@@ -13,12 +13,12 @@ use burn::tensor::Device;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::engine::RolloutEngine;
 use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
 use crate::files::{io, write_synced};
 use crate::ppo::{Ppo, PpoConfig};
-use crate::train::RolloutEngine;
 
 pub use env_state::EnvState;
 

@@ -6,7 +6,7 @@ use dappo_sim::rng::{Purpose, Stream, env_keys};
 use dappo_sim::vector_env::{ResetOptions, VectorEnvSnapshot};
 use rayon::prelude::*;
 
-use super::engine::RolloutEngine;
+use super::RolloutEngine;
 use crate::config::Config;
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;

@@ -1,5 +1,7 @@
 //! Where rollouts come from: envs that the host steps, or a device that runs whole rollouts by itself.
 
+mod host;
+
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 
@@ -7,6 +9,8 @@ use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
+
+pub use host::HostEngine;
 
 /// Envs in which a policy acts for a fixed number of steps at a time. Episodes go on from one rollout to the next.
 pub trait RolloutEngine {
