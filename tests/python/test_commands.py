@@ -25,7 +25,7 @@ OPTIONS: TrainingOptions = {
     "envs": 4,
     "set": {
         "horizon": 16,
-        "env.max_episode_steps": 20,
+        "env": {"max_episode_steps": 20},
         "ppo.hidden": [8],
         "evaluation.episodes": 1,
         "damage.max_damaged_limbs": 1,

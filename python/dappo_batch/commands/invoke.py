@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any
 
@@ -43,11 +43,18 @@ def _flags(options: Mapping[str, Any]) -> list[str]:
         if value is True:
             flags.append(flag)
         elif isinstance(value, Mapping):
-            flags += (
-                [flag, *(f"{key}={json.dumps(setting)}" for key, setting in value.items())] if value else []
-            )
+            flags += [flag, *_settings(value)] if value else []
         elif isinstance(value, Sequence) and not isinstance(value, str):
             flags += [flag, *map(fspath, value)] if value else []
         else:
             flags += [flag, fspath(value) if isinstance(value, PathLike) else str(value)]
     return flags
+
+
+def _settings(settings: Mapping[str, Any], section: str = "") -> Iterator[str]:
+    """Yield settings as the command line has them; the keys of nested mappings are joined by dots."""
+    for key, setting in settings.items():
+        if isinstance(setting, Mapping):
+            yield from _settings(setting, f"{section}{key}.")
+        else:
+            yield f"{section}{key}={json.dumps(setting)}"

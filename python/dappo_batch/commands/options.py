@@ -58,7 +58,7 @@ class TrainingOptions(Simulation, total=False):
     reward, physics : str
         Name of a reward function of the robot; ``rk4`` or ``euler``.
     set : mapping
-        Any other setting, for example ``{"ppo.gamma": 0.99}``.
+        Any other setting, for example ``{"ppo.gamma": 0.99}`` or ``{"ppo": {"gamma": 0.99}}``.
     """
 
     robot: str
