@@ -1,13 +1,11 @@
 //! A trained policy for use alone: no value net, no optimiser, statistics that stay as they are.
 
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
 
-use crate::cpu;
 use crate::diagnose::Standardizer;
 use crate::error::{LearnError, Result, check_length};
 use crate::evaluate::Policy;
-use crate::nn::{Mlp, read};
+use crate::nn::Mlp;
 use crate::ppo::Ppo;
 
 /// Chooses the most probable actions, to the bit those of the learner that it comes from.
@@ -91,7 +89,7 @@ impl Policy for Actor {
             self.standardizer.apply(observed);
             code.iter_mut().for_each(|bit| *bit *= self.code_scale);
         }
-        read(self.net.forward(Tensor::from_data(TensorData::new(inputs, [rows, width]), &cpu())))
+        self.net.apply(inputs)
     }
 }
 
@@ -99,7 +97,7 @@ impl Policy for Actor {
 mod tests {
     use super::*;
     use crate::ppo::PpoConfig;
-    use crate::{Rollout, gae};
+    use crate::{Rollout, cpu, gae};
 
     fn learner(updates: u32) -> Ppo {
         let config = PpoConfig { hidden: vec![6, 5], code_scale: 4.0, ..PpoConfig::default() };

@@ -1,10 +1,10 @@
-//! The fused MLP operation against the same net composed of burn's own operations.
+//! The kernels of the MLP against the same net composed of burn's own operations.
 
 #![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
 
 use burn::tensor::{Device, Tensor, TensorData};
 use dappo_learn::nn::Mlp;
-use dappo_learn::nn::kernels::{self, Level};
+use dappo_learn::nn::kernels::{self, Level, MlpPass};
 use dappo_sim::rng::{Purpose, Stream};
 
 /// Largest difference, relative to the largest reference value.
@@ -35,26 +35,35 @@ fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec().unwrap()
 }
 
-/// Output, input gradient and parameter gradients of Σ weights · net(x).
-fn run(net: &Mlp, x: &Tensor<2>, weights: &Tensor<2>, fused: bool) -> Vec<(String, Vec<f32>)> {
-    let x = x.clone().require_grad();
-    let out = if fused { net.forward(x.clone()) } else { net.forward_composed(x.clone()) };
-    let gradients = (out.clone() * weights.clone()).sum().backward();
-    let mut results = vec![
-        ("output".to_owned(), values(out)),
-        ("input gradient".to_owned(), values(x.grad(&gradients).unwrap())),
-    ];
-    for (index, layer) in net.layers.iter().enumerate() {
-        let weight = layer.weight.val().grad(&gradients).unwrap();
-        let bias = layer.bias.as_ref().unwrap().val().grad(&gradients).unwrap();
-        results.push((format!("weight gradient {index}"), values(weight)));
-        results.push((format!("bias gradient {index}"), values(bias)));
+/// Output and parameter gradients of Σ weights · net(x), layer after layer, by autodiff.
+fn composed(net: &Mlp, x: Tensor<2>, weights: Tensor<2>) -> [Vec<f32>; 2] {
+    let out = net.forward(x);
+    let gradients = (out.clone() * weights).sum().backward();
+    let mut flat = Vec::new();
+    for layer in &net.layers {
+        flat.extend(values(layer.weight.val().grad(&gradients).unwrap()));
+        flat.extend(values(layer.bias.as_ref().unwrap().val().grad(&gradients).unwrap()));
     }
-    results
+    [values(out), flat]
+}
+
+/// The same by the kernels.
+fn fused(pass: &mut MlpPass, net: &Mlp, x: &[f32], weights: &[f32]) -> [Vec<f32>; 2] {
+    let parameters = net.parameters().unwrap();
+    let order: Vec<i32> = (0..(x.len() / net.sizes()[0]) as i32).collect();
+    let out = pass.forward(&parameters, x, &order).to_vec();
+    [out, pass.backward(&parameters, weights).to_vec()]
+}
+
+fn assert_equal(name: &str, got: &[f32], expected: &[f32]) {
+    let scale = expected.iter().fold(0.0_f32, |scale, x| scale.max(x.abs()));
+    let error = got.iter().zip(expected).fold(0.0_f32, |e, (a, b)| e.max((a - b).abs()));
+    assert_eq!(got.len(), expected.len(), "{name}");
+    assert!(error <= TOLERANCE * scale, "{name}: {error} of {scale}");
 }
 
 #[test]
-fn outputs_and_all_gradients_equal_the_composed_net_for_every_shape_and_batch_size() {
+fn outputs_and_gradients_equal_the_composed_net_for_every_shape_and_batch_size() {
     let device = Device::flex().autodiff();
     let shapes: [&[usize]; 5] =
         [&[119, 100, 200, 100, 8], &[65, 33, 1], &[7, 3], &[4, 1, 1, 2], &[5, 16, 16, 16, 16, 3]];
@@ -62,50 +71,50 @@ fn outputs_and_all_gradients_equal_the_composed_net_for_every_shape_and_batch_si
         let net = net(sizes, &device);
         assert_eq!(net.sizes(), sizes);
         let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
-        for batch in [1, 31, 255, 257, 1100] {
-            let tensor = |width: usize, seed| {
-                let data = TensorData::new(normals(batch * width, seed), [batch, width]);
-                Tensor::<2>::from_data(data, &device)
+        // One pass for all sizes: what a larger minibatch left behind must not show in a smaller one.
+        let mut pass = MlpPass::new(Level::best(), sizes.to_vec());
+        for batch in [1100, 257, 255, 31, 1] {
+            let (x, weights) = (normals(batch * inputs, 2), normals(batch * outputs, 3));
+            let tensor = |values: &[f32], width: usize| {
+                Tensor::<2>::from_data(TensorData::new(values.to_vec(), [batch, width]), &device)
             };
-            let (x, weights) = (tensor(inputs, 2), tensor(outputs, 3));
-            let fused = run(&net, &x, &weights, true);
-            let composed = run(&net, &x, &weights, false);
-            let largest = |xs: &[f32]| xs.iter().fold(0.0_f32, |scale, x| scale.max(x.abs()));
-            // Gradients of single parameters may cancel to almost nothing over a batch.
-            let gradient_scale = composed[2..].iter().map(|(_, xs)| largest(xs)).fold(0.0, f32::max);
-            for (index, ((name, got), (_, expected))) in fused.iter().zip(&composed).enumerate() {
-                let scale = if index < 2 { largest(expected) } else { gradient_scale };
-                let error = got.iter().zip(expected).fold(0.0_f32, |e, (a, b)| e.max((a - b).abs()));
-                assert!(error <= TOLERANCE * scale, "{sizes:?} batch {batch}, {name}: {error} of {scale}");
-            }
+            let expected = composed(&net, tensor(&x, inputs), tensor(&weights, outputs));
+            let got = fused(&mut pass, &net, &x, &weights);
+            let name = format!("{sizes:?} batch {batch}");
+            assert_equal(&format!("{name}, output"), &got[0], &expected[0]);
+            assert_equal(&format!("{name}, gradient"), &got[1], &expected[1]);
+            assert_equal(&format!("{name}, acting"), &net.apply(x).unwrap(), &expected[0]);
         }
     }
 }
 
 #[test]
-fn the_fused_operation_accepts_transposed_and_sliced_inputs() {
-    let device = Device::flex();
-    let net = net(&[6, 5, 2], &device);
-    let data = TensorData::new(normals(6 * 40, 4), [6, 40]);
-    let x = Tensor::<2>::from_data(data, &device).transpose().narrow(0, 3, 30);
-    let (got, expected) = (values(net.forward(x.clone())), values(net.forward_composed(x)));
-    for (got, expected) in got.iter().zip(&expected) {
-        assert!((got - expected).abs() < 2e-6, "{got}, expected {expected}");
-    }
+fn a_minibatch_is_the_rows_that_it_names_in_their_order() {
+    let net = net(&[6, 5, 2], &Device::flex());
+    let x = normals(6 * 40, 4);
+    let order = [39, 0, 7, 7];
+    let picked: Vec<f32> = order.iter().flat_map(|row| &x[row * 6..row * 6 + 6]).copied().collect();
+    let mut pass = MlpPass::new(Level::best(), net.sizes());
+    let got = pass.forward(&net.parameters().unwrap(), &x, &order.map(|row| row as i32));
+    assert_equal("picked rows", got, &net.apply(picked).unwrap());
 }
 
-/// Output, kept activations, input gradient and parameter gradient of a 100-200-100 net.
-fn run_kernels(level: Level, rows: usize) -> [Vec<f32>; 4] {
+#[test]
+fn rows_of_another_width_are_refused() {
+    let message = net(&[6, 5, 2], &Device::flex()).apply(vec![0.0; 7]).unwrap_err().to_string();
+    assert!(message.contains("7 elements, expected 6"), "{message}");
+}
+
+/// Output and parameter gradient of a 100-200-100 net.
+fn run_kernels(level: Level, rows: usize) -> [Vec<f32>; 2] {
     let sizes = [19, 100, 200, 100, 8];
     let parameters: Vec<f32> =
         normals(kernels::parameter_count(&sizes), 5).into_iter().map(|x| 0.1 * x).collect();
     let (x, out_gradient) = (normals(rows * 19, 6), normals(rows * 8, 7));
-    let mut out = vec![0.0; rows * 8];
-    let mut hidden = vec![0.0; rows * kernels::hidden_width(&sizes)];
-    let mut dx = vec![0.0; rows * 19];
-    kernels::forward(level, &sizes, &parameters, &x, &mut out, Some(&mut hidden));
-    let gradient = kernels::backward(level, &sizes, &parameters, &x, &hidden, &out_gradient, Some(&mut dx));
-    [out, hidden, dx, gradient]
+    let mut pass = MlpPass::new(level, sizes.to_vec());
+    let order: Vec<i32> = (0..rows as i32).collect();
+    let out = pass.forward(&parameters, &x, &order).to_vec();
+    [out, pass.backward(&parameters, &out_gradient).to_vec()]
 }
 
 #[test]

@@ -93,8 +93,8 @@ impl ActorCritic {
         let rows = obs.len() / self.obs_dim();
         check_length("noise [N, A]", noise, rows * self.action_dim())?;
         let input = self.input(obs, normalizer)?;
-        let means = read(self.policy.mean.valid().forward(input.clone()))?;
-        let values = read(self.value.valid().forward(input))?;
+        let means = self.policy.mean.apply(input.clone())?;
+        let values = self.value.apply(input)?;
         let log_std = self.log_std()?;
         let std: Vec<f32> = log_std.iter().map(|log_std| log_std.exp()).collect();
         let constant = log_std.iter().map(|x| f64::from(*x) + LN_SQRT_TAU).sum::<f64>();
@@ -116,7 +116,7 @@ impl ActorCritic {
     /// # Shapes
     /// obs `[N, O]`, raw; returns `[N, A]`
     pub fn mean_actions(&self, obs: &[f32], normalizer: &Normalizer) -> Result<Vec<f32>> {
-        read(self.policy.mean.valid().forward(self.input(obs, normalizer)?))
+        self.policy.mean.apply(self.input(obs, normalizer)?)
     }
 
     /// The value of every observation.
@@ -124,17 +124,15 @@ impl ActorCritic {
     /// # Shapes
     /// obs `[N, O]`, raw; returns `[N]`
     pub fn values(&self, obs: &[f32], normalizer: &Normalizer) -> Result<Vec<f32>> {
-        read(self.value.valid().forward(self.input(obs, normalizer)?))
+        self.value.apply(self.input(obs, normalizer)?)
     }
 
-    /// Normalised observations on this net's device, without autodiff, `[N, O]`.
-    fn input(&self, obs: &[f32], normalizer: &Normalizer) -> Result<Tensor<2>> {
+    /// Normalised observations, `[N, O]`.
+    fn input(&self, obs: &[f32], normalizer: &Normalizer) -> Result<Vec<f32>> {
         let width = self.obs_dim();
         let tracked = width.saturating_sub(normalizer.code_length());
         check_length("mean of the normaliser", normalizer.mean(), tracked)?;
-        let rows = normalizer.apply(obs)?;
-        let device = self.policy.log_std.lazy_device().without_autodiff();
-        Ok(Tensor::from_data(TensorData::new(rows, [obs.len() / width, width]), &device))
+        normalizer.apply(obs)
     }
 }
 
@@ -185,7 +183,7 @@ mod tests {
         assert_eq!(decision.values, networks.values(&OBS, &normalizer).unwrap());
         let rows = TensorData::new(normalizer.apply(&OBS).unwrap(), [2, 3]);
         let input = Tensor::from_data(rows, &Device::flex());
-        let composed = read(networks.value.valid().forward_composed(input)).unwrap();
+        let composed = read(networks.value.valid().forward(input)).unwrap();
         for (got, expected) in decision.values.iter().zip(composed) {
             assert!((got - expected).abs() < 1e-6, "{got}, expected {expected}");
         }

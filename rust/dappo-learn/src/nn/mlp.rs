@@ -1,18 +1,19 @@
 //! A multilayer perceptron: tanh after every hidden layer, a linear output layer.
 
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor};
+use burn::optim::GradientsParams;
+use burn::tensor::{Device, Tensor, TensorData};
 
-use super::fused;
 use super::host::read;
 use super::init::{linear, orthogonal};
-use crate::error::Result;
+use super::kernels::{self, Level, parameter_count};
+use crate::error::{Result, check_length};
 
 /// A tanh MLP of any number of layers.
 ///
-/// The layers are ordinary burn `Linear`s, so optimisers, records and exports see nothing special; on a
-/// CPU the whole net runs as one fused operation.
+/// The layers are ordinary burn `Linear`s, so optimisers, records and exports see nothing special. On a CPU
+/// rows of numbers go through the whole net at once ([`Mlp::apply`], [`kernels::MlpPass`]).
 #[derive(Module, Debug)]
 pub struct Mlp {
     /// The layers, inputs to outputs; weights are `[inputs, outputs]`.
@@ -41,26 +42,12 @@ impl Mlp {
         inputs.chain(self.layers.iter().map(|layer| layer.weight.lazy_shape()[1])).collect()
     }
 
-    /// The net's output, computed the fastest way that the device of `x` offers.
+    /// The net's output, of burn's own operations: works on every device, and gradients flow back.
     ///
     /// # Shapes
     /// x `[N, inputs]`; returns `[N, outputs]`
     #[must_use]
     pub fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        // Device equality ignores autodiff, which the fused operation has too.
-        if x.device() == Device::flex() {
-            fused::tanh_mlp(x, self.flat_parameters(), self.sizes())
-        } else {
-            self.forward_composed(x)
-        }
-    }
-
-    /// The net's output, composed of burn's own operations: works on every device.
-    ///
-    /// # Shapes
-    /// x `[N, inputs]`; returns `[N, outputs]`
-    #[must_use]
-    pub fn forward_composed(&self, x: Tensor<2>) -> Tensor<2> {
         let last = self.layers.len() - 1;
         self.layers.iter().enumerate().fold(x, |x, (index, layer)| {
             let y = layer.forward(x);
@@ -68,19 +55,60 @@ impl Mlp {
         })
     }
 
-    /// All parameters, layer after layer: the matrix `[inputs, outputs]` row by row, then the biases.
-    pub fn parameters(&self) -> Result<Vec<f32>> {
-        read(self.flat_parameters())
+    /// The net's output for rows in the host's memory, computed the fastest way that its device offers.
+    ///
+    /// # Shapes
+    /// rows `[N, inputs]`; returns `[N, outputs]`
+    pub fn apply(&self, rows: Vec<f32>) -> Result<Vec<f32>> {
+        let sizes = self.sizes();
+        let (inputs, outputs) = (sizes[0], sizes[sizes.len() - 1]);
+        let count = rows.len() / inputs;
+        check_length("rows [N, inputs] of a net", &rows, count * inputs)?;
+        let device = self.device();
+        // Device equality ignores autodiff, which nothing here needs.
+        if device == Device::flex() {
+            let mut out = vec![0.0; count * outputs];
+            kernels::forward(Level::best(), &sizes, &self.parameters()?, &rows, &mut out);
+            return Ok(out);
+        }
+        let rows = Tensor::from_data(TensorData::new(rows, [count, inputs]), &device.without_autodiff());
+        read(self.valid().forward(rows))
     }
 
-    /// All parameters in one tensor, laid out as the kernels read them. Gradients flow back through it.
-    fn flat_parameters(&self) -> Tensor<1> {
-        let mut parts = Vec::with_capacity(2 * self.layers.len());
+    /// The device that the net lives on.
+    #[must_use]
+    pub fn device(&self) -> Device {
+        self.layers[0].weight.lazy_device()
+    }
+
+    /// All parameters, layer after layer: the matrix `[inputs, outputs]` row by row, then the biases.
+    pub fn parameters(&self) -> Result<Vec<f32>> {
+        let mut parameters = Vec::with_capacity(parameter_count(&self.sizes()));
         for layer in &self.layers {
-            parts.push(layer.weight.val().flatten(0, 1));
-            parts.extend(layer.bias.as_ref().map(Param::val));
+            parameters.extend(read(layer.weight.val())?);
+            if let Some(bias) = &layer.bias {
+                parameters.extend(read(bias.val())?);
+            }
         }
-        Tensor::cat(parts, 0)
+        Ok(parameters)
+    }
+
+    /// Hands a gradient that is laid out like [`Mlp::parameters`] to the parameters, for an optimiser.
+    pub fn register_gradient(&self, gradient: &[f32], gradients: &mut GradientsParams) {
+        let device = self.device().without_autodiff();
+        let mut rest = gradient;
+        for layer in &self.layers {
+            let [inputs, outputs] = layer.weight.lazy_shape().dims();
+            let (weight, after) = rest.split_at(inputs * outputs);
+            let weight = Tensor::<2>::from_data(TensorData::new(weight.to_vec(), [inputs, outputs]), &device);
+            gradients.register(layer.weight.id, weight);
+            rest = after;
+            if let Some(bias) = &layer.bias {
+                let (values, after) = rest.split_at(outputs);
+                gradients.register(bias.id, Tensor::<1>::from_data(values, &device));
+                rest = after;
+            }
+        }
     }
 }
 
@@ -95,7 +123,7 @@ mod tests {
         let make = |seed| {
             let mut stream = Stream::new(seed, 0, Purpose::Weights);
             let net = Mlp::new(&[5, 4, 2], 0.01, &mut || stream.normal(), &Device::flex());
-            net.flat_parameters().into_data().try_into_vec::<f32>().unwrap()
+            net.parameters().unwrap()
         };
         assert_eq!(make(1), make(1));
         assert_ne!(make(1), make(2));

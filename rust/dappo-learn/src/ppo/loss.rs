@@ -74,6 +74,35 @@ impl Adaptation {
     }
 }
 
+/// What weighs the terms of the policy's loss in one update.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Objective {
+    /// ε of the clipped surrogate.
+    pub clip_range: f64,
+    /// β.
+    pub kl_coef: f64,
+    /// d*.
+    pub kl_target: f64,
+    /// η.
+    pub kl_hinge: f64,
+}
+
+impl Objective {
+    /// β KL + η max(0, KL − 2 d*)².
+    pub fn kl_penalty(&self, kl: f64) -> f64 {
+        self.kl_coef * kl + self.kl_hinge * self.excess(kl).powi(2)
+    }
+
+    /// The derivative of the penalty, β + 2 η max(0, KL − 2 d*).
+    pub fn kl_slope(&self, kl: f64) -> f64 {
+        self.kl_coef + 2.0 * self.kl_hinge * self.excess(kl)
+    }
+
+    fn excess(&self, kl: f64) -> f64 {
+        (kl - 2.0 * self.kl_target).max(0.0)
+    }
+}
+
 /// Log-density of actions under a diagonal Gaussian.
 ///
 /// # Shapes

@@ -4,15 +4,18 @@
 //! et al. (2019), section IV, who train the value net on the current and the previous batch and let the
 //! KL weight steer the learning rate.
 
+mod batch;
+mod composed;
 pub mod config;
+mod descent;
+mod fused;
+mod gaussian;
 pub mod loss;
 mod minibatch;
-mod policy_update;
 mod state;
 mod update;
-mod value_update;
 
-use burn::optim::{AdamConfig, ModuleOptimizer};
+use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use dappo_sim::rng::{Purpose, Stream};
 
@@ -20,9 +23,9 @@ pub use config::PpoConfig;
 pub use loss::{Adaptation, PpoLosses};
 
 use crate::error::Result;
-use crate::nn::ActorCritic;
+use crate::nn::{ActorCritic, fused_adam};
 use crate::normalizer::Normalizer;
-use minibatch::ValueBatch;
+use batch::ValueBatch;
 pub(crate) use minibatch::ranges;
 
 /// Adam's guard against division by zero, as common in PPO (Andrychowicz et al., 2021).
@@ -113,5 +116,5 @@ impl Ppo {
 }
 
 fn adam() -> ModuleOptimizer {
-    AdamConfig::new().with_epsilon(ADAM_EPSILON).init()
+    fused_adam(ADAM_EPSILON)
 }

@@ -12,15 +12,17 @@
 
 use std::path::Path;
 
-use burn::tensor::{Device, Tensor};
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor, TensorData};
 use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
+use super::batch::ValueBatch;
 use super::loss::Adaptation;
-use super::minibatch::ValueBatch;
 use super::{Ppo, PpoConfig, adam};
+use crate::cpu;
 use crate::error::{LearnError, Result};
-use crate::nn::ActorCritic;
+use crate::nn::{ActorCritic, read};
 use crate::normalizer::Normalizer;
 use crate::records::{load_module, load_optimizer, save_module, save_optimizer, unreadable};
 
@@ -49,6 +51,26 @@ struct Header {
     normalizer: Normalizer,
 }
 
+/// A value batch as a module, so that checkpoints store it as they store networks.
+#[derive(Module, Debug)]
+struct ValueBatchRecord {
+    /// `[B, O]`.
+    obs: Param<Tensor<2>>,
+    /// `[B, 1]`.
+    returns: Param<Tensor<2>>,
+}
+
+impl ValueBatchRecord {
+    fn of(obs: &[f32], returns: &[f32]) -> Self {
+        let rows = returns.len();
+        let constant = |values: &[f32]| {
+            let data = TensorData::new(values.to_vec(), [rows, values.len() / rows]);
+            Param::from_tensor(Tensor::from_data(data, &cpu())).set_require_grad(false)
+        };
+        Self { obs: constant(obs), returns: constant(returns) }
+    }
+}
+
 impl Ppo {
     /// Writes everything that the learner owns into the existing directory `dir`.
     pub fn save(&self, dir: &Path) -> Result<()> {
@@ -70,7 +92,9 @@ impl Ppo {
         save_module(&self.actor_critic.value, &dir.join(VALUE))?;
         save_optimizer(&self.policy_optimizer, &dir.join(POLICY_ADAM))?;
         save_optimizer(&self.value_optimizer, &dir.join(VALUE_ADAM))?;
-        self.previous.as_ref().map_or(Ok(()), |batch| save_module(batch, &dir.join(VALUE_BATCH)))
+        self.previous.as_ref().map_or(Ok(()), |batch| {
+            save_module(&ValueBatchRecord::of(&batch.obs, &batch.returns), &dir.join(VALUE_BATCH))
+        })
     }
 
     /// Reads a learner from a directory that [`Ppo::save`] wrote. Settings other than `hidden` may differ
@@ -86,7 +110,7 @@ impl Ppo {
         let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
         let device = device.clone().autodiff();
         let actor_critic = read_networks(dir, &header, &device)?;
-        let previous = read_value_batch(dir, &header, &device.clone().without_autodiff())?;
+        let previous = read_value_batch(dir, &header)?;
         Ok(Self {
             config: config.clone(),
             device,
@@ -131,10 +155,12 @@ fn read_networks(dir: &Path, header: &Header, device: &Device) -> Result<ActorCr
     })
 }
 
-fn read_value_batch(dir: &Path, header: &Header, device: &Device) -> Result<Option<ValueBatch>> {
-    if header.value_batch_rows == 0 {
+fn read_value_batch(dir: &Path, header: &Header) -> Result<Option<ValueBatch>> {
+    let rows = header.value_batch_rows;
+    if rows == 0 {
         return Ok(None);
     }
-    let zeros = |width| Tensor::zeros([header.value_batch_rows, width], device);
-    load_module(ValueBatch::new(zeros(header.obs_dim), zeros(1)), &dir.join(VALUE_BATCH)).map(Some)
+    let filler = ValueBatchRecord::of(&vec![0.0; rows * header.obs_dim], &vec![0.0; rows]);
+    let record = load_module(filler, &dir.join(VALUE_BATCH))?;
+    Ok(Some(ValueBatch { obs: read(record.obs.val())?, returns: read(record.returns.val())? }))
 }

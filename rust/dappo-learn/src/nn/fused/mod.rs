@@ -5,7 +5,5 @@
 //! Other backends are not listed and would panic: networks send them down a path of burn's own operations.
 
 mod lstm;
-mod mlp;
 
 pub(super) use lstm::embedded_lstm;
-pub(super) use mlp::tanh_mlp;

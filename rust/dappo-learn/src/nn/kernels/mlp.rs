@@ -3,6 +3,8 @@
 //! `sizes` is `[inputs, hidden…, outputs]`. Parameters lie in one array, layer by layer: the weight,
 //! row-major `[inputs, outputs]`, then the bias. Hidden activations lie block by block, and within a
 //! block layer by layer, so that both passes touch one contiguous piece of memory per block.
+//!
+//! [`forward`] is for acting; [`MlpPass`] is for learning.
 
 use rayon::prelude::*;
 
@@ -10,7 +12,7 @@ use super::Level;
 use super::elementwise::{bias_add, bias_tanh, column_sums, tanh_backward};
 use super::matmul::Destination::{Accumulate, Overwrite};
 use super::matmul::{Matrix, matmul};
-use super::reduce::sum_in_order;
+use super::reduce::add_in_order;
 
 /// The backward pass sums gradients in this many partitions and then adds those in order. The number is
 /// fixed, so that the result does not depend on the number of threads.
@@ -88,65 +90,146 @@ fn forward_block(level: Level, layers: &[Layer<'_>], x: &[f32], mut hidden: &mut
     bias_add(level, out, last.bias);
 }
 
-/// The MLP's output for every row of `x`; `keep` receives the hidden activations that [`backward`] needs.
+/// The MLP's output for every row of `x`.
 ///
 /// # Shapes
-/// x `[N, inputs]`, parameters `[parameter_count(sizes)]`, out `[N, outputs]`,
-/// keep `[N * hidden_width(sizes)]`
+/// x `[N, inputs]`, parameters `[parameter_count(sizes)]`, out `[N, outputs]`
 ///
 /// # Panics
 /// If a slice has another length.
-pub fn forward(
-    level: Level,
-    sizes: &[usize],
-    parameters: &[f32],
-    x: &[f32],
-    out: &mut [f32],
-    keep: Option<&mut [f32]>,
-) {
+pub fn forward(level: Level, sizes: &[usize], parameters: &[f32], x: &[f32], out: &mut [f32]) {
     let layers = layers(sizes, parameters);
     let (inputs, outputs, width) = (sizes[0], sizes[sizes.len() - 1], hidden_width(sizes));
     let rows = x.len() / inputs;
     assert_eq!((x.len(), out.len()), (rows * inputs, rows * outputs), "input and output of an MLP");
     let block = block_rows(rows);
-    let blocks = x.par_chunks(block * inputs).zip(out.par_chunks_mut(block * outputs));
-    match keep {
-        Some(keep) if width > 0 => {
-            assert_eq!(keep.len(), rows * width, "hidden activations of an MLP");
-            blocks
-                .zip(keep.par_chunks_mut(block * width))
-                .for_each(|((x, out), hidden)| forward_block(level, &layers, x, hidden, out));
-        }
-        _ => blocks.for_each_init(
-            || vec![0.0; block * width],
-            |hidden, (x, out)| {
-                let rows = x.len() / inputs;
-                forward_block(level, &layers, x, &mut hidden[..rows * width], out);
-            },
-        ),
+    x.par_chunks(block * inputs).zip(out.par_chunks_mut(block * outputs)).for_each_init(
+        || vec![0.0; block * width],
+        |hidden, (x, out)| {
+            let rows = x.len() / inputs;
+            forward_block(level, &layers, x, &mut hidden[..rows * width], out);
+        },
+    );
+}
+
+/// What one partition of the backward pass works with: the sum of its gradients, and two buffers that take
+/// turns as the gradient of a layer's output and input.
+#[derive(Debug, Default)]
+struct Partition {
+    sum: Vec<f32>,
+    scratch: [Vec<f32>; 2],
+}
+
+/// One minibatch's way through an MLP and back. The buffers are made once and used again for every minibatch:
+/// fresh memory for each would take longer than a product of matrices.
+#[derive(Debug)]
+pub struct MlpPass {
+    level: Level,
+    sizes: Vec<usize>,
+    /// Rows of the minibatch that went forwards last.
+    rows: usize,
+    x: Vec<f32>,
+    hidden: Vec<f32>,
+    out: Vec<f32>,
+    partitions: Vec<Partition>,
+}
+
+impl MlpPass {
+    /// A pass through an MLP of these sizes.
+    #[must_use]
+    pub fn new(level: Level, sizes: Vec<usize>) -> Self {
+        let partitions = (0..PARTITIONS).map(|_| Partition::default()).collect();
+        Self { level, sizes, rows: 0, x: Vec::new(), hidden: Vec::new(), out: Vec::new(), partitions }
+    }
+
+    /// The MLP's output for the rows `order` of `data`, in that order.
+    ///
+    /// # Shapes
+    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; returns `[M, outputs]`
+    ///
+    /// # Panics
+    /// If there are not as many parameters, or a row lies outside of the data.
+    pub fn forward(&mut self, parameters: &[f32], data: &[f32], order: &[i32]) -> &[f32] {
+        let (level, layers) = (self.level, layers(&self.sizes, parameters));
+        let (inputs, outputs, width) = self.widths();
+        self.rows = order.len();
+        self.x.resize(self.rows * inputs, 0.0);
+        self.hidden.resize(self.rows * width, 0.0);
+        self.out.resize(self.rows * outputs, 0.0);
+        let block = block_rows(self.rows);
+        // Without hidden layers there is nothing to cut into pieces.
+        let mut hidden: Vec<&mut [f32]> = self.hidden.chunks_mut((block * width).max(1)).collect();
+        hidden.resize_with(self.rows.div_ceil(block), Default::default);
+        order
+            .par_chunks(block)
+            .zip(self.x.par_chunks_mut(block * inputs))
+            .zip(hidden.into_par_iter().zip(self.out.par_chunks_mut(block * outputs)))
+            .for_each(|((order, x), (hidden, out))| {
+                for (row, index) in x.chunks_exact_mut(inputs).zip(order) {
+                    row.copy_from_slice(&data[*index as usize * inputs..][..inputs]);
+                }
+                forward_block(level, &layers, x, hidden, out);
+            });
+        &self.out
+    }
+
+    /// The gradient of the parameters, laid out as they are, given that of the output of the last
+    /// [`MlpPass::forward`].
+    ///
+    /// # Shapes
+    /// parameters `[parameter_count(sizes)]`, `out_gradient` `[M, outputs]`; returns
+    /// `[parameter_count(sizes)]`
+    ///
+    /// # Panics
+    /// If a slice has another length.
+    pub fn backward(&mut self, parameters: &[f32], out_gradient: &[f32]) -> &[f32] {
+        let (level, layers) = (self.level, layers(&self.sizes, parameters));
+        let (inputs, outputs, width) = self.widths();
+        assert_eq!(out_gradient.len(), self.rows * outputs, "output gradient of an MLP");
+        let block = block_rows(self.rows);
+        let length = self.rows.div_ceil(block).div_ceil(PARTITIONS).max(1) * block;
+        let used = self.rows.div_ceil(length).max(1);
+        let (rows, x, hidden) = (self.rows, &self.x, &self.hidden);
+        self.partitions[..used].par_iter_mut().enumerate().for_each(|(index, partition)| {
+            partition.sum.resize(parameters.len(), 0.0);
+            partition.sum.fill(0.0);
+            let end = ((index + 1) * length).min(rows);
+            for start in (index * length..end).step_by(block) {
+                let stop = (start + block).min(end);
+                let block = BlockGradient {
+                    x: &x[start * inputs..stop * inputs],
+                    hidden: &hidden[start * width..stop * width],
+                    out_gradient: &out_gradient[start * outputs..stop * outputs],
+                };
+                backward_block(level, &layers, block, partition);
+            }
+        });
+        let (first, rest) = self.partitions[..used].split_at_mut(1);
+        let rest: Vec<&[f32]> = rest.iter().map(|partition| partition.sum.as_slice()).collect();
+        add_in_order(&mut first[0].sum, &rest);
+        &first[0].sum
+    }
+
+    /// Inputs, outputs and hidden activations of a row.
+    fn widths(&self) -> (usize, usize, usize) {
+        (self.sizes[0], self.sizes[self.sizes.len() - 1], hidden_width(&self.sizes))
     }
 }
 
 /// One block of the backward pass, as slices.
+#[derive(Clone, Copy)]
 struct BlockGradient<'a> {
     x: &'a [f32],
     hidden: &'a [f32],
     out_gradient: &'a [f32],
-    x_gradient: Option<&'a mut [f32]>,
 }
 
-/// Adds the parameter gradients of one block to `sums`, and writes the gradient of its input.
-///
-/// `scratch` holds two buffers that take turns as the gradient of a layer's output and input.
-fn backward_block(
-    level: Level,
-    layers: &[Layer<'_>],
-    block: BlockGradient<'_>,
-    sums: &mut [(&mut [f32], &mut [f32])],
-    scratch: &mut [Vec<f32>; 2],
-) {
+/// Adds the parameter gradients of one block to those of its partition.
+fn backward_block(level: Level, layers: &[Layer<'_>], block: BlockGradient<'_>, partition: &mut Partition) {
     let rows = block.x.len() / layers[0].inputs;
-    let [mut current, mut next] = scratch.each_mut();
+    let mut remaining = partition.sum.as_mut_slice();
+    let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut remaining, layer)).collect();
+    let [mut current, mut next] = partition.scratch.each_mut();
     let mut hidden = block.hidden;
     for (index, layer) in layers.iter().enumerate().rev() {
         let gradient = if index + 1 == layers.len() {
@@ -159,83 +242,16 @@ fn backward_block(
         if index == 0 {
             let x = Matrix::new(block.x, rows, layer.inputs);
             matmul(sums[0].0, Accumulate, x.transposed(), gradient);
-            if let Some(x_gradient) = block.x_gradient {
-                matmul(x_gradient, Overwrite, gradient, layer.weight().transposed());
-            }
             return;
         }
         let (rest, input) = hidden.split_at(hidden.len() - rows * layer.inputs);
         hidden = rest;
         let input_matrix = Matrix::new(input, rows, layer.inputs);
         matmul(sums[index].0, Accumulate, input_matrix.transposed(), gradient);
+        next.resize(next.len().max(rows * layer.inputs), 0.0);
         let input_gradient = &mut next[..rows * layer.inputs];
         matmul(input_gradient, Overwrite, gradient, layer.weight().transposed());
         tanh_backward(level, input_gradient, input, sums[index - 1].1);
         std::mem::swap(&mut current, &mut next);
     }
-}
-
-/// The gradient of the parameters, laid out as they are, given the gradient of the output;
-/// `x_gradient`, if given, receives the gradient of the input.
-///
-/// # Shapes
-/// x `[N, inputs]`, hidden `[N * hidden_width(sizes)]` as kept by [`forward`], `out_gradient`
-/// `[N, outputs]`, `x_gradient` `[N, inputs]`; returns `[parameter_count(sizes)]`
-///
-/// # Panics
-/// If a slice has another length.
-#[must_use]
-pub fn backward(
-    level: Level,
-    sizes: &[usize],
-    parameters: &[f32],
-    x: &[f32],
-    hidden: &[f32],
-    out_gradient: &[f32],
-    x_gradient: Option<&mut [f32]>,
-) -> Vec<f32> {
-    let layers = layers(sizes, parameters);
-    let (inputs, outputs, width) = (sizes[0], sizes[sizes.len() - 1], hidden_width(sizes));
-    let rows = x.len() / inputs;
-    assert_eq!(
-        (x.len(), hidden.len(), out_gradient.len()),
-        (rows * inputs, rows * width, rows * outputs),
-        "input, activations and output gradient of an MLP"
-    );
-    let block = block_rows(rows);
-    let partition = rows.div_ceil(block).div_ceil(PARTITIONS).max(1) * block;
-    let mut x_gradients: Vec<Option<&mut [f32]>> = match x_gradient {
-        Some(x_gradient) => {
-            assert_eq!(x_gradient.len(), rows * inputs, "input gradient of an MLP");
-            x_gradient.chunks_mut(partition * inputs).map(Some).collect()
-        }
-        None => (0..rows.div_ceil(partition)).map(|_| None).collect(),
-    };
-    let widest = sizes.iter().copied().max().unwrap_or(0);
-    let partial: Vec<Vec<f32>> = x_gradients
-        .par_iter_mut()
-        .enumerate()
-        .map(|(index, x_gradient)| {
-            let mut flat = vec![0.0; parameters.len()];
-            let mut remaining = flat.as_mut_slice();
-            let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut remaining, layer)).collect();
-            let mut scratch = [vec![0.0; block * widest], vec![0.0; block * widest]];
-            let end = ((index + 1) * partition).min(rows);
-            for start in (index * partition..end).step_by(block) {
-                let stop = (start + block).min(end);
-                let offset = start - index * partition;
-                let block = BlockGradient {
-                    x: &x[start * inputs..stop * inputs],
-                    hidden: &hidden[start * width..stop * width],
-                    out_gradient: &out_gradient[start * outputs..stop * outputs],
-                    x_gradient: x_gradient
-                        .as_deref_mut()
-                        .map(|dx| &mut dx[offset * inputs..(offset + stop - start) * inputs]),
-                };
-                backward_block(level, &layers, block, &mut sums, &mut scratch);
-            }
-            flat
-        })
-        .collect();
-    sum_in_order(partial, parameters.len())
 }

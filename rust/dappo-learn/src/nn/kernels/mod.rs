@@ -14,4 +14,4 @@ mod mlp;
 mod reduce;
 
 pub use level::Level;
-pub use mlp::{backward, forward, hidden_width, parameter_count};
+pub use mlp::{MlpPass, forward, parameter_count};

@@ -1,0 +1,218 @@
+//! The policy's loss and its gradients with respect to the means and the log-stds, row by row.
+
+use rayon::prelude::*;
+
+use super::batch::PolicyBatch;
+use super::loss::Objective;
+use crate::nn::actor_critic::LN_SQRT_TAU;
+
+/// Rows whose sums are formed at once. Fixed, so that the result does not depend on the number of threads.
+const PIECE: usize = 256;
+
+/// The current and the old standard deviations, in the forms that every row needs.
+pub(super) struct Gaussian {
+    inverse_std: Vec<f32>,
+    inverse_variance: Vec<f32>,
+    old_variance: Vec<f32>,
+    /// ln of the normalising constant of the density.
+    log_constant: f32,
+    /// The part of KL(old ‖ current) that all rows share.
+    shared_kl: f64,
+}
+
+impl Gaussian {
+    pub fn new(log_std: &[f32], old_log_std: &[f32]) -> Self {
+        let pairs = log_std.iter().zip(old_log_std).map(|(new, old)| (f64::from(*new), f64::from(*old)));
+        let shared_kl = pairs.map(|(new, old)| new - old + 0.5 * (2.0 * (old - new)).exp() - 0.5).sum();
+        Self {
+            inverse_std: log_std.iter().map(|x| (-x).exp()).collect(),
+            inverse_variance: log_std.iter().map(|x| (-2.0 * x).exp()).collect(),
+            old_variance: old_log_std.iter().map(|x| (2.0 * x).exp()).collect(),
+            log_constant: log_std.iter().map(|x| f64::from(*x) + LN_SQRT_TAU).sum::<f64>() as f32,
+            shared_kl,
+        }
+    }
+
+    fn actions(&self) -> usize {
+        self.inverse_std.len()
+    }
+
+    /// ρ, the probability of an action under the current policy over that under the old one.
+    fn ratio(&self, action: &[f32], mean: &[f32], old_log_prob: f32) -> f32 {
+        let components = action.iter().zip(mean).zip(&self.inverse_std);
+        let squares: f32 = components.map(|((a, mean), inverse)| ((a - mean) * inverse).powi(2)).sum();
+        (-0.5 * squares - self.log_constant - old_log_prob).exp()
+    }
+
+    /// KL(old ‖ current) summed over rows.
+    pub fn kl_sum(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32]) -> f64 {
+        let width = self.actions();
+        let of_row = |(index, mean): (&i32, &[f32])| {
+            let components = mean.iter().zip(row(batch.means, *index, width)).zip(&self.inverse_variance);
+            components.map(|((new, old), inverse)| (new - old).powi(2) * inverse).sum::<f32>()
+        };
+        let distances: f64 = rows.iter().zip(means.chunks_exact(width)).map(of_row).map(f64::from).sum();
+        0.5 * distances + self.shared_kl * rows.len() as f64
+    }
+
+    /// Number of rows whose ratio lies outside 1 ± `clip_range`.
+    pub fn clipped(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32], clip_range: f64) -> usize {
+        let outside = |(index, mean): &(&i32, &[f32])| {
+            let action = row(batch.actions, **index, mean.len());
+            let ratio = self.ratio(action, mean, batch.log_probs[**index as usize]);
+            (ratio - 1.0).abs() > clip_range as f32
+        };
+        rows.iter().zip(means.chunks_exact(self.actions())).filter(outside).count()
+    }
+
+    /// The policy's loss over `rows` of the batch, given the current means there. `mean_gradient` and
+    /// `log_std_gradient` receive its gradients.
+    ///
+    /// With z = (a − μ) / σ and c = β + 2 η max(0, KL − 2 d*), a row's share of the gradient is
+    ///
+    /// ```text
+    /// ∂/∂μ    = −s z / σ      + c (μ − μ_old) / σ²
+    /// ∂/∂ln σ = −s (z² − 1)   + c (1 − (σ_old² + (μ − μ_old)²) / σ²)
+    /// ```
+    ///
+    /// where s is Â ρ, or 0 where the clip range takes hold.
+    ///
+    /// # Shapes
+    /// rows `[M]`, means and `mean_gradient` `[M, A]`, `log_std_gradient` `[A]`
+    pub fn loss(
+        &self,
+        objective: &Objective,
+        batch: &PolicyBatch,
+        rows: &[i32],
+        means: &[f32],
+        mean_gradient: &mut [f32],
+        log_std_gradient: &mut [f32],
+    ) -> f64 {
+        let width = self.actions();
+        let count = rows.len() as f64;
+        let kl = self.kl_sum(batch, rows, means) / count;
+        let weights = Weights {
+            kl: objective.kl_slope(kl) as f32,
+            clip_range: objective.clip_range as f32,
+            row: 1.0 / rows.len() as f32,
+        };
+        let sums: Vec<(f64, Vec<f32>)> = rows
+            .par_chunks(PIECE)
+            .zip(means.par_chunks(PIECE * width))
+            .zip(mean_gradient.par_chunks_mut(PIECE * width))
+            .map(|((rows, means), gradients)| self.piece(weights, batch, rows, means, gradients))
+            .collect();
+        log_std_gradient.fill(0.0);
+        let mut surrogate = 0.0;
+        for (sum, log_std_sums) in sums {
+            surrogate += sum;
+            log_std_gradient
+                .iter_mut()
+                .zip(log_std_sums)
+                .for_each(|(total, sum)| *total += weights.row * sum);
+        }
+        objective.kl_penalty(kl) - surrogate / count
+    }
+
+    /// The gradients with respect to the means of some rows; returns the sums over these rows of the surrogate and of
+    /// the gradients with respect to the log-stds.
+    fn piece(
+        &self,
+        weights: Weights,
+        batch: &PolicyBatch,
+        rows: &[i32],
+        means: &[f32],
+        gradients: &mut [f32],
+    ) -> (f64, Vec<f32>) {
+        let width = self.actions();
+        let (low, high) = (1.0 - weights.clip_range, 1.0 + weights.clip_range);
+        let mut surrogate = 0.0;
+        let mut log_std_sums = vec![0.0; width];
+        for ((index, mean), gradient) in
+            rows.iter().zip(means.chunks_exact(width)).zip(gradients.chunks_exact_mut(width))
+        {
+            let (action, old_mean) = (row(batch.actions, *index, width), row(batch.means, *index, width));
+            let advantage = batch.advantages[*index as usize];
+            let ratio = self.ratio(action, mean, batch.log_probs[*index as usize]);
+            let (free, clipped) = (ratio * advantage, ratio.clamp(low, high) * advantage);
+            surrogate += f64::from(free.min(clipped));
+            let slope = if free <= clipped { free } else { 0.0 };
+            let of_row =
+                gradient.iter_mut().zip(&mut log_std_sums).zip(action.iter().zip(mean).zip(old_mean));
+            let of_policy = self.inverse_std.iter().zip(&self.inverse_variance).zip(&self.old_variance);
+            for (
+                ((gradient, sum), ((action, mean), old_mean)),
+                ((inverse, inverse_variance), old_variance),
+            ) in of_row.zip(of_policy)
+            {
+                let (z, moved) = ((action - mean) * inverse, mean - old_mean);
+                *gradient = weights.row * (weights.kl * moved * inverse_variance - slope * z * inverse);
+                let spread = (old_variance + moved * moved) * inverse_variance;
+                *sum += weights.kl * (1.0 - spread) - slope * (z * z - 1.0);
+            }
+        }
+        (surrogate, log_std_sums)
+    }
+}
+
+/// What multiplies the terms of every row.
+#[derive(Clone, Copy)]
+struct Weights {
+    /// c, the derivative of the KL penalty.
+    kl: f32,
+    clip_range: f32,
+    /// 1 / number of rows.
+    row: f32,
+}
+
+/// Row `index` of a row-major matrix.
+fn row(matrix: &[f32], index: i32, width: usize) -> &[f32] {
+    &matrix[index as usize * width..][..width]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loss_and_gradients_equal_finite_differences_of_numpy() {
+        // a = np.array([[.3, -.2], [-.5, .8], [1.1, .1]]); m = np.array([[.1, .0], [-.3, .4], [.9, -.4]])
+        // om = np.array([[.0, .1], [-.2, .5], [.7, -.3]]); ols = np.array([-.4, -.45]); old = np.array([-1.5, -1.3, -1.2])
+        // adv = np.array([1., -2., .5]); ls = np.array([-.5, -.3])
+        // def loss(m, ls):
+        //     lp = (-.5 * ((a - m) / np.exp(ls)) ** 2 - ls - .5 * np.log(2 * np.pi)).sum(1)
+        //     r = np.exp(lp - old)                                    # [1.45, 1.06, .89]: the first is clipped
+        //     s = np.minimum(r * adv, np.clip(r, .8, 1.2) * adv).mean()
+        //     kl = (ls - ols + (np.exp(2 * ols) + (m - om) ** 2) / (2 * np.exp(2 * ls)) - .5).sum(1).mean()
+        //     return 1.7 * kl + 50 * max(0, kl - .02) ** 2 - s        # kl = .067
+        // gradients: (loss(x + h) - loss(x - h)) / 2h with h = 1e-6
+        const LOSS: f64 = 0.388_423_742_8;
+        const MEAN_GRADIENT: [f64; 6] =
+            [0.583_559_85, -0.391_171_87, -0.969_175_08, 0.125_799_37, 1.086_756_99, -0.525_843_72];
+        const LOG_STD_GRADIENT: [f64; 2] = [-2.276_486_172, 1.129_852_178];
+
+        let batch = PolicyBatch {
+            obs: &[],
+            actions: &[0.3, -0.2, -0.5, 0.8, 1.1, 0.1],
+            means: &[0.0, 0.1, -0.2, 0.5, 0.7, -0.3],
+            log_probs: &[-1.5, -1.3, -1.2],
+            advantages: vec![1.0, -2.0, 0.5],
+        };
+        let objective = Objective { clip_range: 0.2, kl_coef: 1.7, kl_target: 0.01, kl_hinge: 50.0 };
+        let means = [0.1, 0.0, -0.3, 0.4, 0.9, -0.4];
+        let (mut mean_gradient, mut log_std_gradient) = ([0.0; 6], [0.0; 2]);
+        let loss = Gaussian::new(&[-0.5, -0.3], &[-0.4, -0.45]).loss(
+            &objective,
+            &batch,
+            &[0, 1, 2],
+            &means,
+            &mut mean_gradient,
+            &mut log_std_gradient,
+        );
+        assert!((loss - LOSS).abs() < 1e-6, "{loss}, expected {LOSS}");
+        let expected = MEAN_GRADIENT.iter().chain(&LOG_STD_GRADIENT);
+        for (got, expected) in mean_gradient.iter().chain(&log_std_gradient).zip(expected) {
+            assert!((f64::from(*got) - expected).abs() < 2e-6, "{got}, expected {expected}");
+        }
+    }
+}
