@@ -1,6 +1,7 @@
 """Collect runs into the tables and the picture of a results page.
 
-Usage: ``python docs/results/collect.py NAME RUN...`` writes ``docs/results/NAME/``:
+Usage: ``python docs/results/collect.py NAME RUN...`` writes ``docs/results/NAME/``, where runs of other
+learners and seeds stay:
 
 - ``per_class.csv``: the evaluations of all runs, one row for each run and damage class;
 - ``curves.csv``: forward reward over env steps and seconds of training, in equal spans of env steps;
@@ -17,7 +18,7 @@ import json
 import sys
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
@@ -43,15 +44,36 @@ class Run:
 def main() -> None:
     """Write the tables and the picture."""
     name, *folders = sys.argv[1:]
-    runs = sorted((read(Path(folder)) for folder in folders), key=lambda run: (run.learner, run.seed))
     target = FOLDER / name
     target.mkdir(exist_ok=True)
+    found = {(run.learner, run.seed): run for run in [*collected(target), *map(read, map(Path, folders))]}
+    runs = [found[key] for key in sorted(found)]
     write(target / "per_class.csv", (tag(run) | row for run in runs for row in run.classes))
     write(target / "curves.csv", (tag(run) | rounded(point) for run in runs for point in run.points))
     (target / "curves.svg").write_text(picture(runs), encoding="utf-8")
     for run in runs:
         reward = mean(float(row["forward_reward"]) for row in run.classes)
         print(f"{run.learner}, seed {run.seed}: {reward:.1f} in {run.points[-1]['seconds']:.0f} s")
+
+
+def collected(target: Path) -> Iterator[Run]:
+    """Read the runs of the tables that are there."""
+    tables = [target / "per_class.csv", target / "curves.csv"]
+    if not all(table.exists() for table in tables):
+        return
+    classes, points = (grouped(table) for table in tables)
+    for (name, seed), rows in classes.items():
+        curve = [{key: float(value) for key, value in row.items()} for row in points[name, seed]]
+        yield Run(name, int(seed), curve, rows)
+
+
+def grouped(path: Path) -> dict[tuple[str, str], list[dict[str, str]]]:
+    """Read a table as the rows of each learner and seed."""
+    groups: dict[tuple[str, str], list[dict[str, str]]] = defaultdict(list)
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            groups[row.pop("learner"), row.pop("seed")].append(row)
+    return groups
 
 
 def read(folder: Path) -> Run:
@@ -92,7 +114,8 @@ def tag(run: Run) -> dict[str, Any]:
 
 def rounded(point: dict[str, float]) -> dict[str, Any]:
     """Drop digits that mean nothing."""
-    return {key: round(value, 1) if isinstance(value, float) else value for key, value in point.items()}
+    digits = {key: round(point[key], 1) for key in ("seconds", "forward_reward")}
+    return {"env_steps": int(point["env_steps"])} | digits
 
 
 def write(path: Path, rows: Iterable[dict[str, Any]]) -> None:

@@ -1,0 +1,87 @@
+"""Compare the two learners of a results page, from its table.
+
+Usage: ``python docs/results/compare.py NAME [SEED...]`` reads ``docs/results/NAME/per_class.csv`` and prints,
+for all seeds or for those given, the mean forward reward of each learner, the gain of DA-PPO over PPO-Unaware
+with its interval, the classes in which it is ahead, and the groups of damage classes.
+
+Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
+classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does the
+last digit. It needs nothing but Python.
+"""
+
+from __future__ import annotations
+
+import csv
+import random
+import sys
+from collections import defaultdict
+from pathlib import Path
+from statistics import mean
+
+FOLDER = Path(__file__).resolve().parent
+RESAMPLES = 10_000
+AWARE, UNAWARE = "DA-PPO, code scale 4", "PPO-Unaware"
+
+Rewards = dict[int, dict[str, float]]
+"""Mean forward reward by seed and damage class."""
+
+
+def main() -> None:
+    """Print the comparison."""
+    name, *seeds = sys.argv[1:]
+    with (FOLDER / name / "per_class.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if not seeds or row["seed"] in seeds]
+    groups = {row["name"]: row["group"] for row in rows}
+    aware, unaware = (rewards(rows, learner) for learner in (AWARE, UNAWARE))
+    for learner, found in (("DA-PPO", aware), ("PPO-Unaware", unaware)):
+        means = {seed: mean(classes.values()) for seed, classes in found.items()}
+        each = ", ".join(f"seed {seed}: {value:.1f}" for seed, value in means.items())
+        print(f"{learner}: {mean(means.values()):.1f} ({each})")
+    ahead = sum(over_seeds(aware, [name]) > over_seeds(unaware, [name]) for name in groups)
+    print(f"DA-PPO ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)")
+    for place, ending in (("all classes", ""), ("adjacent pairs", " A"), ("opposite pairs", " O")):
+        chosen = [name for name, group in groups.items() if group.endswith(ending)]
+        print(f"gain, {place} ({len(chosen)}): {gain(aware, unaware, chosen)}")
+    for group in dict.fromkeys(groups.values()):
+        members = [name for name in groups if groups[name] == group]
+        columns = (
+            ", ".join(f"{mean(classes[name] for name in members):.0f}" for classes in side.values())
+            for side in (aware, unaware)
+        )
+        print(f"| {group} | {len(members)} | {' | '.join(columns)} |")
+
+
+def rewards(rows: list[dict[str, str]], learner: str) -> Rewards:
+    """Pick one learner's rewards."""
+    found: Rewards = defaultdict(dict)
+    for row in rows:
+        if row["learner"] == learner:
+            found[int(row["seed"])][row["name"]] = float(row["forward_reward"])
+    return found
+
+
+def over_seeds(side: Rewards, names: list[str]) -> float:
+    """Average over all seeds and some classes."""
+    return mean(mean(classes[name] for name in names) for classes in side.values())
+
+
+def gain(aware: Rewards, unaware: Rewards, names: list[str]) -> str:
+    """Say how much more DA-PPO reaches, with an interval."""
+    draw = random.Random(0)
+    sides = [list(side.values()) for side in (aware, unaware)]
+    ratios = []
+    for _ in range(RESAMPLES):
+        classes = draw.choices(names, k=len(names))
+        means = [
+            mean(sum(seed[name] for name in classes) for seed in draw.choices(side, k=len(side)))
+            for side in sides
+        ]
+        ratios.append(means[0] / means[1] - 1)
+    ratios.sort()
+    low, high = (ratios[round(share * (RESAMPLES - 1))] for share in (0.025, 0.975))
+    value = over_seeds(aware, names) / over_seeds(unaware, names) - 1
+    return f"{value:+.1%} [{low:+.1%}, {high:+.1%}]"
+
+
+if __name__ == "__main__":
+    main()
