@@ -5,8 +5,8 @@ for all seeds or for those given, the mean forward reward of each learner, the g
 with its interval, the classes in which it is ahead, and the groups of damage classes.
 
 Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
-classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does the
-last digit. It needs nothing but Python.
+classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does
+the last digit. It needs nothing but Python.
 """
 
 from __future__ import annotations
