@@ -51,8 +51,13 @@ fn composed(net: &Mlp, x: Tensor<2>, weights: Tensor<2>) -> [Vec<f32>; 2] {
 fn fused(pass: &mut MlpPass, net: &Mlp, x: &[f32], weights: &[f32]) -> [Vec<f32>; 2] {
     let parameters = net.parameters().unwrap();
     let order: Vec<i32> = (0..(x.len() / net.sizes()[0]) as i32).collect();
-    let out = pass.forward(&parameters, x, &order).to_vec();
-    [out, pass.backward(&parameters, weights).to_vec()]
+    let outputs = net.sizes()[net.sizes().len() - 1];
+    let (out, gradient) = pass.gradient(&parameters, x, &order, |rows, out, gradient| {
+        let first = rows[0] as usize * outputs;
+        gradient.copy_from_slice(&weights[first..first + gradient.len()]);
+        out.to_vec()
+    });
+    [out.concat(), gradient.to_vec()]
 }
 
 fn assert_equal(name: &str, got: &[f32], expected: &[f32]) {
@@ -94,9 +99,10 @@ fn a_minibatch_is_the_rows_that_it_names_in_their_order() {
     let x = normals(6 * 40, 4);
     let order = [39, 0, 7, 7];
     let picked: Vec<f32> = order.iter().flat_map(|row| &x[row * 6..row * 6 + 6]).copied().collect();
-    let mut pass = MlpPass::new(Level::best(), net.sizes());
-    let got = pass.forward(&net.parameters().unwrap(), &x, &order.map(|row| row as i32));
-    assert_equal("picked rows", got, &net.apply(picked).unwrap());
+    let pass = MlpPass::new(Level::best(), net.sizes());
+    let order = order.map(|row| row as i32);
+    let got = pass.evaluate(&net.parameters().unwrap(), &x, &order, |_, out| out.to_vec()).concat();
+    assert_equal("picked rows", &got, &net.apply(picked).unwrap());
 }
 
 #[test]
@@ -113,8 +119,12 @@ fn run_kernels(level: Level, rows: usize) -> [Vec<f32>; 2] {
     let (x, out_gradient) = (normals(rows * 19, 6), normals(rows * 8, 7));
     let mut pass = MlpPass::new(level, sizes.to_vec());
     let order: Vec<i32> = (0..rows as i32).collect();
-    let out = pass.forward(&parameters, &x, &order).to_vec();
-    [out, pass.backward(&parameters, &out_gradient).to_vec()]
+    let (out, gradient) = pass.gradient(&parameters, &x, &order, |rows, out, gradient| {
+        let first = rows[0] as usize * 8;
+        gradient.copy_from_slice(&out_gradient[first..first + gradient.len()]);
+        out.to_vec()
+    });
+    [out.concat(), gradient.to_vec()]
 }
 
 #[test]

@@ -1,21 +1,16 @@
-//! Gradients on CPUs, without a graph of tensors: a minibatch goes forwards, through the loss and back in buffers
-//! that the next one uses again.
+//! Gradients on CPUs, without a graph of tensors: block by block a minibatch goes forwards, through the loss and back.
 
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Distance, PolicyProblem, Problem};
-use super::gaussian::Gaussian;
+use super::gaussian::{Gaussian, Weights};
 use super::loss::Objective;
-use super::minibatch::ranges;
 use crate::cpu;
 use crate::error::Result;
 use crate::nn::kernels::{Level, MlpPass};
 use crate::nn::{GaussianPolicy, Mlp, read};
-
-/// Distances are measured on about this many rows at a time, so that they need no larger buffers than a minibatch.
-const PROBE_PIECE: usize = 2048;
 
 /// The policy's problem.
 pub(super) struct FusedPolicy<'a> {
@@ -25,8 +20,6 @@ pub(super) struct FusedPolicy<'a> {
     probe: Vec<i32>,
     old_log_std: Vec<f32>,
     pass: MlpPass,
-    mean_gradient: Vec<f32>,
-    log_std_gradient: Vec<f32>,
 }
 
 impl<'a> FusedPolicy<'a> {
@@ -39,15 +32,7 @@ impl<'a> FusedPolicy<'a> {
         probe: Vec<i32>,
     ) -> Result<Self> {
         let old_log_std = read(old.log_std.val())?;
-        Ok(Self {
-            objective,
-            batch,
-            probe,
-            pass: MlpPass::new(Level::best(), old.mean.sizes()),
-            mean_gradient: Vec::new(),
-            log_std_gradient: vec![0.0; old_log_std.len()],
-            old_log_std,
-        })
+        Ok(Self { objective, batch, probe, pass: MlpPass::new(Level::best(), old.mean.sizes()), old_log_std })
     }
 
     fn gaussian(&self, policy: &GaussianPolicy) -> Result<Gaussian> {
@@ -66,36 +51,50 @@ impl Problem<GaussianPolicy> for FusedPolicy<'_> {
         minibatch: Vec<i32>,
     ) -> Result<(Tensor<1>, GradientsParams)> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
-        let means = self.pass.forward(&parameters, self.batch.obs, &minibatch);
-        self.mean_gradient.resize(means.len(), 0.0);
-        let loss = gaussian.loss(
-            &self.objective,
-            self.batch,
-            &minibatch,
-            means,
-            &mut self.mean_gradient,
-            &mut self.log_std_gradient,
-        );
-        let gradient = self.pass.backward(&parameters, &self.mean_gradient);
+        let Self { objective, batch, .. } = *self;
+        let count = minibatch.len() as f64;
+        // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only after all
+        // rows. It seldom does: so suppose that it does not, and begin anew with what is known then if it did.
+        let mut kl_slope = objective.kl_slope(0.0);
+        let (sums, gradient, kl) = loop {
+            let weights = Weights {
+                kl: kl_slope as f32,
+                clip_range: objective.clip_range as f32,
+                row: 1.0 / minibatch.len() as f32,
+            };
+            let (sums, gradient) =
+                self.pass.gradient(&parameters, batch.obs, &minibatch, |rows, means, gradients| {
+                    gaussian.gradients(weights, batch, rows, means, gradients)
+                });
+            let kl = sums.iter().map(|sums| sums.kl).sum::<f64>() / count;
+            let supposed = std::mem::replace(&mut kl_slope, objective.kl_slope(kl));
+            if kl_slope == supposed {
+                break (sums, gradient.to_vec(), kl);
+            }
+        };
+        let surrogate = sums.iter().map(|sums| sums.surrogate).sum::<f64>() / count;
+        let mut log_std_gradient = vec![0.0; self.old_log_std.len()];
+        for sums in &sums {
+            log_std_gradient.iter_mut().zip(&sums.log_std_gradient).for_each(|(sum, x)| *sum += x);
+        }
         let mut gradients = GradientsParams::new();
-        policy.mean.register_gradient(gradient, &mut gradients);
-        gradients.register(policy.log_std.id, vector(&self.log_std_gradient));
-        Ok((vector(&[loss as f32]), gradients))
+        policy.mean.register_gradient(&gradient, &mut gradients);
+        gradients.register(policy.log_std.id, vector(&log_std_gradient));
+        Ok((vector(&[(objective.kl_penalty(kl) - surrogate) as f32]), gradients))
     }
 }
 
 impl PolicyProblem for FusedPolicy<'_> {
     fn distance(&mut self, policy: &GaussianPolicy) -> Result<Distance> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
-        let (mut kl, mut clipped) = (0.0, 0);
-        for range in ranges(self.probe.len(), PROBE_PIECE) {
-            let rows = &self.probe[range];
-            let means = self.pass.forward(&parameters, self.batch.obs, rows);
-            kl += gaussian.kl_sum(self.batch, rows, means);
-            clipped += gaussian.clipped(self.batch, rows, means, self.objective.clip_range);
-        }
+        let (batch, clip_range) = (self.batch, self.objective.clip_range);
+        let sums = self.pass.evaluate(&parameters, batch.obs, &self.probe, |rows, means| {
+            (gaussian.kl_sum(batch, rows, means), gaussian.clipped(batch, rows, means, clip_range))
+        });
         let count = self.probe.len() as f64;
-        Ok(Distance { kl: kl / count, clip_fraction: clipped as f64 / count })
+        let kl = sums.iter().map(|(kl, _)| kl).sum::<f64>() / count;
+        let clipped: usize = sums.iter().map(|(_, clipped)| clipped).sum();
+        Ok(Distance { kl, clip_fraction: clipped as f64 / count })
     }
 }
 
@@ -103,13 +102,12 @@ impl PolicyProblem for FusedPolicy<'_> {
 pub(super) struct FusedValue<'a> {
     batch: &'a ValueBatch,
     pass: MlpPass,
-    out_gradient: Vec<f32>,
 }
 
 impl<'a> FusedValue<'a> {
     /// The problem of predicting the returns of a batch with a net of these sizes.
     pub fn new(batch: &'a ValueBatch, sizes: Vec<usize>) -> Self {
-        Self { batch, pass: MlpPass::new(Level::best(), sizes), out_gradient: Vec::new() }
+        Self { batch, pass: MlpPass::new(Level::best(), sizes) }
     }
 }
 
@@ -119,20 +117,20 @@ impl Problem<Mlp> for FusedValue<'_> {
     }
 
     fn gradients(&mut self, value: &Mlp, minibatch: Vec<i32>) -> Result<(Tensor<1>, GradientsParams)> {
-        let parameters = value.parameters()?;
-        let values = self.pass.forward(&parameters, &self.batch.obs, &minibatch);
-        let count = minibatch.len() as f32;
-        self.out_gradient.clear();
-        let mut squares = 0.0;
-        for (value, index) in values.iter().zip(&minibatch) {
-            let error = value - self.batch.returns[*index as usize];
-            squares += error * error;
-            self.out_gradient.push(2.0 * error / count);
-        }
+        let (returns, count) = (&self.batch.returns, minibatch.len() as f32);
+        let loss = |rows: &[i32], values: &[f32], gradients: &mut [f32]| {
+            let mut squares = 0.0;
+            for ((index, value), gradient) in rows.iter().zip(values).zip(gradients) {
+                let error = value - returns[*index as usize];
+                squares += f64::from(error * error);
+                *gradient = 2.0 * error / count;
+            }
+            squares
+        };
+        let (squares, gradient) = self.pass.gradient(&value.parameters()?, &self.batch.obs, &minibatch, loss);
         let mut gradients = GradientsParams::new();
-        let gradient = self.pass.backward(&parameters, &self.out_gradient);
         value.register_gradient(gradient, &mut gradients);
-        Ok((vector(&[squares / count]), gradients))
+        Ok((vector(&[squares.iter().sum::<f64>() as f32 / count]), gradients))
     }
 }
 

@@ -1,13 +1,7 @@
 //! The policy's loss and its gradients with respect to the means and the log-stds, row by row.
 
-use rayon::prelude::*;
-
 use super::batch::PolicyBatch;
-use super::loss::Objective;
 use crate::nn::actor_critic::LN_SQRT_TAU;
-
-/// Rows whose sums are formed at once. Fixed, so that the result does not depend on the number of threads.
-const PIECE: usize = 256;
 
 /// The current and the old standard deviations, in the forms that every row needs.
 pub(super) struct Gaussian {
@@ -65,8 +59,7 @@ impl Gaussian {
         rows.iter().zip(means.chunks_exact(self.actions())).filter(outside).count()
     }
 
-    /// The policy's loss over `rows` of the batch, given the current means there. `mean_gradient` and
-    /// `log_std_gradient` receive its gradients.
+    /// The gradients of the policy's loss with respect to the means of some rows.
     ///
     /// With z = (a − μ) / σ and c = β + 2 η max(0, KL − 2 d*), a row's share of the gradient is
     ///
@@ -78,56 +71,19 @@ impl Gaussian {
     /// where s is Â ρ, or 0 where the clip range takes hold.
     ///
     /// # Shapes
-    /// rows `[M]`, means and `mean_gradient` `[M, A]`, `log_std_gradient` `[A]`
-    pub fn loss(
-        &self,
-        objective: &Objective,
-        batch: &PolicyBatch,
-        rows: &[i32],
-        means: &[f32],
-        mean_gradient: &mut [f32],
-        log_std_gradient: &mut [f32],
-    ) -> f64 {
-        let width = self.actions();
-        let count = rows.len() as f64;
-        let kl = self.kl_sum(batch, rows, means) / count;
-        let weights = Weights {
-            kl: objective.kl_slope(kl) as f32,
-            clip_range: objective.clip_range as f32,
-            row: 1.0 / rows.len() as f32,
-        };
-        let sums: Vec<(f64, Vec<f32>)> = rows
-            .par_chunks(PIECE)
-            .zip(means.par_chunks(PIECE * width))
-            .zip(mean_gradient.par_chunks_mut(PIECE * width))
-            .map(|((rows, means), gradients)| self.piece(weights, batch, rows, means, gradients))
-            .collect();
-        log_std_gradient.fill(0.0);
-        let mut surrogate = 0.0;
-        for (sum, log_std_sums) in sums {
-            surrogate += sum;
-            log_std_gradient
-                .iter_mut()
-                .zip(log_std_sums)
-                .for_each(|(total, sum)| *total += weights.row * sum);
-        }
-        objective.kl_penalty(kl) - surrogate / count
-    }
-
-    /// The gradients with respect to the means of some rows; returns the sums over these rows of the surrogate and of
-    /// the gradients with respect to the log-stds.
-    fn piece(
+    /// rows `[M]`, means and gradients `[M, A]`
+    pub fn gradients(
         &self,
         weights: Weights,
         batch: &PolicyBatch,
         rows: &[i32],
         means: &[f32],
         gradients: &mut [f32],
-    ) -> (f64, Vec<f32>) {
+    ) -> Sums {
         let width = self.actions();
         let (low, high) = (1.0 - weights.clip_range, 1.0 + weights.clip_range);
-        let mut surrogate = 0.0;
-        let mut log_std_sums = vec![0.0; width];
+        let mut sums =
+            Sums { surrogate: 0.0, kl: self.kl_sum(batch, rows, means), log_std_gradient: vec![0.0; width] };
         for ((index, mean), gradient) in
             rows.iter().zip(means.chunks_exact(width)).zip(gradients.chunks_exact_mut(width))
         {
@@ -135,10 +91,12 @@ impl Gaussian {
             let advantage = batch.advantages[*index as usize];
             let ratio = self.ratio(action, mean, batch.log_probs[*index as usize]);
             let (free, clipped) = (ratio * advantage, ratio.clamp(low, high) * advantage);
-            surrogate += f64::from(free.min(clipped));
+            sums.surrogate += f64::from(free.min(clipped));
             let slope = if free <= clipped { free } else { 0.0 };
-            let of_row =
-                gradient.iter_mut().zip(&mut log_std_sums).zip(action.iter().zip(mean).zip(old_mean));
+            let of_row = gradient
+                .iter_mut()
+                .zip(&mut sums.log_std_gradient)
+                .zip(action.iter().zip(mean).zip(old_mean));
             let of_policy = self.inverse_std.iter().zip(&self.inverse_variance).zip(&self.old_variance);
             for (
                 ((gradient, sum), ((action, mean), old_mean)),
@@ -148,21 +106,32 @@ impl Gaussian {
                 let (z, moved) = ((action - mean) * inverse, mean - old_mean);
                 *gradient = weights.row * (weights.kl * moved * inverse_variance - slope * z * inverse);
                 let spread = (old_variance + moved * moved) * inverse_variance;
-                *sum += weights.kl * (1.0 - spread) - slope * (z * z - 1.0);
+                *sum += weights.row * (weights.kl * (1.0 - spread) - slope * (z * z - 1.0));
             }
         }
-        (surrogate, log_std_sums)
+        sums
     }
 }
 
 /// What multiplies the terms of every row.
 #[derive(Clone, Copy)]
-struct Weights {
+pub(super) struct Weights {
     /// c, the derivative of the KL penalty.
-    kl: f32,
-    clip_range: f32,
-    /// 1 / number of rows.
-    row: f32,
+    pub kl: f32,
+    /// ε.
+    pub clip_range: f32,
+    /// 1 / number of rows of the minibatch.
+    pub row: f32,
+}
+
+/// What is summed over rows.
+pub(super) struct Sums {
+    /// The clipped surrogate min(ρ Â, clip(ρ, 1 ± ε) Â).
+    pub surrogate: f64,
+    /// KL(old ‖ current).
+    pub kl: f64,
+    /// The gradient with respect to the log-stds, `[A]`.
+    pub log_std_gradient: Vec<f32>,
 }
 
 /// Row `index` of a row-major matrix.
@@ -172,6 +141,7 @@ fn row(matrix: &[f32], index: i32, width: usize) -> &[f32] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::loss::Objective;
     use super::*;
 
     #[test]
@@ -200,18 +170,15 @@ mod tests {
         };
         let objective = Objective { clip_range: 0.2, kl_coef: 1.7, kl_target: 0.01, kl_hinge: 50.0 };
         let means = [0.1, 0.0, -0.3, 0.4, 0.9, -0.4];
-        let (mut mean_gradient, mut log_std_gradient) = ([0.0; 6], [0.0; 2]);
-        let loss = Gaussian::new(&[-0.5, -0.3], &[-0.4, -0.45]).loss(
-            &objective,
-            &batch,
-            &[0, 1, 2],
-            &means,
-            &mut mean_gradient,
-            &mut log_std_gradient,
-        );
+        let mut mean_gradient = [0.0; 6];
+        let gaussian = Gaussian::new(&[-0.5, -0.3], &[-0.4, -0.45]);
+        let kl = gaussian.kl_sum(&batch, &[0, 1, 2], &means) / 3.0;
+        let weights = Weights { kl: objective.kl_slope(kl) as f32, clip_range: 0.2, row: 1.0 / 3.0 };
+        let sums = gaussian.gradients(weights, &batch, &[0, 1, 2], &means, &mut mean_gradient);
+        let loss = objective.kl_penalty(sums.kl / 3.0) - sums.surrogate / 3.0;
         assert!((loss - LOSS).abs() < 1e-6, "{loss}, expected {LOSS}");
         let expected = MEAN_GRADIENT.iter().chain(&LOG_STD_GRADIENT);
-        for (got, expected) in mean_gradient.iter().chain(&log_std_gradient).zip(expected) {
+        for (got, expected) in mean_gradient.iter().chain(&sums.log_std_gradient).zip(expected) {
             assert!((f64::from(*got) - expected).abs() < 2e-6, "{got}, expected {expected}");
         }
     }

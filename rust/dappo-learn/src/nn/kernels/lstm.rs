@@ -96,12 +96,12 @@ impl LstmSizes {
 }
 
 /// `a · b`, its rows cut into a fixed number of pieces that are computed in parallel.
-fn parallel_product(a: Matrix<'_>, b: Matrix<'_>) -> Vec<f32> {
+fn parallel_product(level: Level, a: Matrix<'_>, b: Matrix<'_>) -> Vec<f32> {
     let (rows, columns) = (a.rows(), b.columns());
     let piece = rows.div_ceil(PIECES).max(1);
     let mut out = vec![0.0; rows * columns];
     out.par_chunks_mut(piece * columns).enumerate().for_each(|(index, out)| {
-        matmul(out, Overwrite, a.rows_from(index * piece, out.len() / columns), b);
+        matmul(level, out, Overwrite, a.rows_from(index * piece, out.len() / columns), b);
     });
     out
 }
@@ -126,7 +126,7 @@ pub fn forward(
     assert_eq!(x.len(), windows * steps * sizes.inputs, "windows [B, T, F] of an LSTM");
     assert_eq!(out.len(), windows * sizes.hidden, "hidden states [B, H] of an LSTM");
     let Parameters { embedding, input, bias, recurrent } = sizes.split(parameters);
-    let mut folded = parallel_product(embedding, input);
+    let mut folded = parallel_product(level, embedding, input);
     let (weight, folded_bias) = folded.split_at_mut(sizes.inputs * sizes.gates());
     folded_bias.iter_mut().zip(bias).for_each(|(sum, b)| *sum += b);
     let weight = Matrix::new(weight, sizes.inputs, sizes.gates());
@@ -140,10 +140,10 @@ pub fn forward(
         };
         let BlockActivations { gates, cells, hidden } = &mut kept;
         let mut block = Block { gates, cells, hidden, last };
-        matmul(block.gates, Overwrite, Matrix::new(x, windows * steps, sizes.inputs), weight);
+        matmul(level, block.gates, Overwrite, Matrix::new(x, windows * steps, sizes.inputs), weight);
         for step in 0..steps {
             if step > 0 {
-                add_recurrent(&mut block, recurrent, step);
+                add_recurrent(level, &mut block, recurrent, step);
             }
             step_forward(level, &mut block, folded_bias, step);
         }
@@ -159,7 +159,7 @@ pub fn forward(
 }
 
 /// Adds what the hidden states before a step contribute to its gates.
-fn add_recurrent(block: &mut Block<'_>, recurrent: Matrix<'_>, step: usize) {
+fn add_recurrent(level: Level, block: &mut Block<'_>, recurrent: Matrix<'_>, step: usize) {
     let (width, gates) = (recurrent.rows(), recurrent.columns());
     let rows = block.last.len() / width;
     let steps = block.hidden.len() / block.last.len();
@@ -167,7 +167,7 @@ fn add_recurrent(block: &mut Block<'_>, recurrent: Matrix<'_>, step: usize) {
     let before = &block.hidden[step * width..][..used(width)];
     let before = Matrix::strided(before, rows, width, steps * width);
     let out = &mut block.gates[step * gates..][..used(gates)];
-    matmul_strided(out, steps * gates, Accumulate, before, recurrent);
+    matmul_strided(level, out, steps * gates, Accumulate, before, recurrent);
 }
 
 /// The gradient of the parameters, laid out as they are, given that of the last hidden states.
@@ -214,10 +214,10 @@ pub fn backward(
                 let (weight, rest) = sums.split_at_mut(sizes.inputs * sizes.gates());
                 let (bias, recurrent) = rest.split_at_mut(sizes.gates());
                 let x = Matrix::new(x, rows, sizes.inputs);
-                matmul(weight, Accumulate, x.transposed(), gates_matrix);
+                matmul(level, weight, Accumulate, x.transposed(), gates_matrix);
                 column_sums(level, gates, bias);
                 let hidden = Matrix::new(&kept.hidden, rows, sizes.hidden);
-                matmul(recurrent, Accumulate, hidden.transposed(), gates_matrix);
+                matmul(level, recurrent, Accumulate, hidden.transposed(), gates_matrix);
             }
             sums
         })
@@ -227,8 +227,8 @@ pub fn backward(
     let bias_gradient = &folded_gradient[sizes.inputs * sizes.gates()..];
     let product = Matrix::new(folded_gradient, sizes.inputs + 1, sizes.gates());
     let (embedding_gradient, input_gradient) = rayon::join(
-        || parallel_product(product, input.transposed()),
-        || parallel_product(embedding.transposed(), product),
+        || parallel_product(level, product, input.transposed()),
+        || parallel_product(level, embedding.transposed(), product),
     );
     [&embedding_gradient, &input_gradient, bias_gradient, recurrent_gradient].concat()
 }
@@ -274,7 +274,7 @@ fn backward_block<'a>(
             let used = (rows - 1) * saved.steps * columns + columns;
             let entering = &gates[step * columns..][..used];
             let entering = Matrix::strided(entering, rows, columns, saved.steps * columns);
-            matmul(hidden, Overwrite, entering, recurrent);
+            matmul(level, hidden, Overwrite, entering, recurrent);
         }
     }
     gates

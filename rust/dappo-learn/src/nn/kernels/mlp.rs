@@ -1,10 +1,11 @@
 //! Forward and backward pass of a tanh MLP with a linear output layer, a block of rows at a time.
 //!
 //! `sizes` is `[inputs, hidden…, outputs]`. Parameters lie in one array, layer by layer: the weight,
-//! row-major `[inputs, outputs]`, then the bias. Hidden activations lie block by block, and within a
-//! block layer by layer, so that both passes touch one contiguous piece of memory per block.
+//! row-major `[inputs, outputs]`, then the bias. Hidden activations of a block lie layer by layer.
 //!
 //! [`forward`] is for acting; [`MlpPass`] is for learning.
+
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
@@ -14,17 +15,18 @@ use super::matmul::Destination::{Accumulate, Overwrite};
 use super::matmul::{Matrix, matmul};
 use super::reduce::add_in_order;
 
-/// The backward pass sums gradients in this many partitions and then adds those in order. The number is
-/// fixed, so that the result does not depend on the number of threads.
-const PARTITIONS: usize = 8;
-/// Blocks have between this many rows …
-const MIN_BLOCK: usize = 64;
-/// … and this many: activations of a 100-200-100 net then fit into a core's cache.
-const MAX_BLOCK: usize = 256;
+/// Rows that go through the net at a time: their activations and gradients in a 100-200-100 net and its weights then
+/// fit into a core's second-level cache.
+const BLOCK: usize = 128;
+/// Gradients are summed in partitions of about a quarter of the minibatch, but no more and no fewer rows than these,
+/// and then in the order of the partitions. That depends on the minibatch alone, so the result does not depend on the
+/// number of threads.
+const PARTITION: [usize; 2] = [64, 512];
 
-/// Rows of a block: a function of the batch alone, so that results do not depend on the machine.
-fn block_rows(rows: usize) -> usize {
-    rows.div_ceil(PARTITIONS).next_multiple_of(MIN_BLOCK).clamp(MIN_BLOCK, MAX_BLOCK)
+/// Rows of a partition of a minibatch.
+fn partition_rows(rows: usize) -> usize {
+    let [fewest, most] = PARTITION;
+    rows.div_ceil(4).next_multiple_of(fewest).min(most)
 }
 
 /// Number of weights and biases of an MLP of these sizes.
@@ -50,6 +52,23 @@ struct Layer<'a> {
 impl Layer<'_> {
     fn weight(&self) -> Matrix<'_> {
         Matrix::new(self.weight, self.inputs, self.outputs)
+    }
+
+    /// The transpose of the weight as a matrix of its own, which products read faster.
+    fn transpose(&self) -> Transpose {
+        Transpose { data: self.weight().to_transposed(), rows: self.outputs, columns: self.inputs }
+    }
+}
+
+struct Transpose {
+    data: Vec<f32>,
+    rows: usize,
+    columns: usize,
+}
+
+impl Transpose {
+    fn view(&self) -> Matrix<'_> {
+        Matrix::new(&self.data, self.rows, self.columns)
     }
 }
 
@@ -82,11 +101,11 @@ fn forward_block(level: Level, layers: &[Layer<'_>], x: &[f32], mut hidden: &mut
     let mut input = x;
     for layer in inner {
         let (y, rest) = std::mem::take(&mut hidden).split_at_mut(rows * layer.outputs);
-        matmul(y, Overwrite, Matrix::new(input, rows, layer.inputs), layer.weight());
+        matmul(level, y, Overwrite, Matrix::new(input, rows, layer.inputs), layer.weight());
         bias_tanh(level, y, layer.bias);
         (input, hidden) = (y, rest);
     }
-    matmul(out, Overwrite, Matrix::new(input, rows, last.inputs), last.weight());
+    matmul(level, out, Overwrite, Matrix::new(input, rows, last.inputs), last.weight());
     bias_add(level, out, last.bias);
 }
 
@@ -102,9 +121,8 @@ pub fn forward(level: Level, sizes: &[usize], parameters: &[f32], x: &[f32], out
     let (inputs, outputs, width) = (sizes[0], sizes[sizes.len() - 1], hidden_width(sizes));
     let rows = x.len() / inputs;
     assert_eq!((x.len(), out.len()), (rows * inputs, rows * outputs), "input and output of an MLP");
-    let block = block_rows(rows);
-    x.par_chunks(block * inputs).zip(out.par_chunks_mut(block * outputs)).for_each_init(
-        || vec![0.0; block * width],
+    x.par_chunks(BLOCK * inputs).zip(out.par_chunks_mut(BLOCK * outputs)).for_each_init(
+        || vec![0.0; BLOCK * width],
         |hidden, (x, out)| {
             let rows = x.len() / inputs;
             forward_block(level, &layers, x, &mut hidden[..rows * width], out);
@@ -112,146 +130,168 @@ pub fn forward(level: Level, sizes: &[usize], parameters: &[f32], x: &[f32], out
     );
 }
 
-/// What one partition of the backward pass works with: the sum of its gradients, and two buffers that take
-/// turns as the gradient of a layer's output and input.
+/// Buffers of one block.
 #[derive(Debug, Default)]
-struct Partition {
-    sum: Vec<f32>,
-    scratch: [Vec<f32>; 2],
+struct Block {
+    x: Vec<f32>,
+    hidden: Vec<f32>,
+    out: Vec<f32>,
+    out_gradient: Vec<f32>,
+    /// These take turns as the gradient of a layer's output and input.
+    gradients: [Vec<f32>; 2],
 }
 
-/// One minibatch's way through an MLP and back. The buffers are made once and used again for every minibatch:
-/// fresh memory for each would take longer than a product of matrices.
+/// The way of minibatches through an MLP and back: a block of rows goes forwards, through the loss and back while it
+/// is in cache. Buffers are made once and used again for every block and minibatch.
 #[derive(Debug)]
 pub struct MlpPass {
     level: Level,
     sizes: Vec<usize>,
-    /// Rows of the minibatch that went forwards last.
-    rows: usize,
-    x: Vec<f32>,
-    hidden: Vec<f32>,
-    out: Vec<f32>,
-    partitions: Vec<Partition>,
+    /// Sums of the gradients of every partition; the first one becomes that of the minibatch.
+    sums: Vec<Vec<f32>>,
+    /// Those that no thread works with.
+    idle: Mutex<Vec<Block>>,
 }
 
 impl MlpPass {
-    /// A pass through an MLP of these sizes.
+    /// Passes through MLPs of these sizes.
     #[must_use]
     pub fn new(level: Level, sizes: Vec<usize>) -> Self {
-        let partitions = (0..PARTITIONS).map(|_| Partition::default()).collect();
-        Self { level, sizes, rows: 0, x: Vec::new(), hidden: Vec::new(), out: Vec::new(), partitions }
+        Self { level, sizes, sums: Vec::new(), idle: Mutex::default() }
     }
 
-    /// The MLP's output for the rows `order` of `data`, in that order.
+    /// What `of` says of the MLP's output, block by block, for the rows `order` of `data`. `of` receives the block's
+    /// part of `order` and the output there.
     ///
     /// # Shapes
-    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; returns `[M, outputs]`
+    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `of`: `[B]`, `[B, outputs]`
     ///
     /// # Panics
     /// If there are not as many parameters, or a row lies outside of the data.
-    pub fn forward(&mut self, parameters: &[f32], data: &[f32], order: &[i32]) -> &[f32] {
-        let (level, layers) = (self.level, layers(&self.sizes, parameters));
-        let (inputs, outputs, width) = self.widths();
-        self.rows = order.len();
-        self.x.resize(self.rows * inputs, 0.0);
-        self.hidden.resize(self.rows * width, 0.0);
-        self.out.resize(self.rows * outputs, 0.0);
-        let block = block_rows(self.rows);
-        // Without hidden layers there is nothing to cut into pieces.
-        let mut hidden: Vec<&mut [f32]> = self.hidden.chunks_mut((block * width).max(1)).collect();
-        hidden.resize_with(self.rows.div_ceil(block), Default::default);
+    pub fn evaluate<T: Send>(
+        &self,
+        parameters: &[f32],
+        data: &[f32],
+        order: &[i32],
+        of: impl Fn(&[i32], &[f32]) -> T + Sync,
+    ) -> Vec<T> {
+        let layers = layers(&self.sizes, parameters);
         order
-            .par_chunks(block)
-            .zip(self.x.par_chunks_mut(block * inputs))
-            .zip(hidden.into_par_iter().zip(self.out.par_chunks_mut(block * outputs)))
-            .for_each(|((order, x), (hidden, out))| {
-                for (row, index) in x.chunks_exact_mut(inputs).zip(order) {
-                    row.copy_from_slice(&data[*index as usize * inputs..][..inputs]);
-                }
-                forward_block(level, &layers, x, hidden, out);
-            });
-        &self.out
+            .par_chunks(BLOCK)
+            .map(|order| {
+                let mut block = self.take_block();
+                block.forward(self.level, &layers, data, order);
+                let answer = of(order, &block.out);
+                self.give_back(block);
+                answer
+            })
+            .collect()
     }
 
-    /// The gradient of the parameters, laid out as they are, given that of the output of the last
-    /// [`MlpPass::forward`].
+    /// The gradient of the parameters, laid out as they are, and what `loss` says of each block of the rows `order`
+    /// of `data`. `loss` receives the block's part of `order` and the output there, and writes the gradient of the
+    /// output.
     ///
     /// # Shapes
-    /// parameters `[parameter_count(sizes)]`, `out_gradient` `[M, outputs]`; returns
-    /// `[parameter_count(sizes)]`
+    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `loss`: `[B]`, `[B, outputs]`,
+    /// `[B, outputs]`; returns `[blocks]`, `[parameter_count(sizes)]`
     ///
     /// # Panics
-    /// If a slice has another length.
-    pub fn backward(&mut self, parameters: &[f32], out_gradient: &[f32]) -> &[f32] {
-        let (level, layers) = (self.level, layers(&self.sizes, parameters));
-        let (inputs, outputs, width) = self.widths();
-        assert_eq!(out_gradient.len(), self.rows * outputs, "output gradient of an MLP");
-        let block = block_rows(self.rows);
-        let length = self.rows.div_ceil(block).div_ceil(PARTITIONS).max(1) * block;
-        let used = self.rows.div_ceil(length).max(1);
-        let (rows, x, hidden) = (self.rows, &self.x, &self.hidden);
-        self.partitions[..used].par_iter_mut().enumerate().for_each(|(index, partition)| {
-            partition.sum.resize(parameters.len(), 0.0);
-            partition.sum.fill(0.0);
-            let end = ((index + 1) * length).min(rows);
-            for start in (index * length..end).step_by(block) {
-                let stop = (start + block).min(end);
-                let block = BlockGradient {
-                    x: &x[start * inputs..stop * inputs],
-                    hidden: &hidden[start * width..stop * width],
-                    out_gradient: &out_gradient[start * outputs..stop * outputs],
-                };
-                backward_block(level, &layers, block, partition);
-            }
-        });
-        let (first, rest) = self.partitions[..used].split_at_mut(1);
-        let rest: Vec<&[f32]> = rest.iter().map(|partition| partition.sum.as_slice()).collect();
-        add_in_order(&mut first[0].sum, &rest);
-        &first[0].sum
+    /// If there are not as many parameters, or a row lies outside of the data.
+    pub fn gradient<T: Send>(
+        &mut self,
+        parameters: &[f32],
+        data: &[f32],
+        order: &[i32],
+        loss: impl Fn(&[i32], &[f32], &mut [f32]) -> T + Sync,
+    ) -> (Vec<T>, &[f32]) {
+        let mut sums = std::mem::take(&mut self.sums);
+        let partition = partition_rows(order.len());
+        let used = order.len().div_ceil(partition).max(1);
+        sums.resize_with(sums.len().max(used), Vec::new);
+        let layers = layers(&self.sizes, parameters);
+        let transposes: Vec<Transpose> = layers.par_iter().map(Layer::transpose).collect();
+        let answers: Vec<Vec<T>> = order
+            .par_chunks(partition)
+            .zip(&mut sums)
+            .map(|(order, sum)| {
+                sum.resize(parameters.len(), 0.0);
+                sum.fill(0.0);
+                let mut block = self.take_block();
+                let answers = order.chunks(BLOCK).map(|order| {
+                    block.forward(self.level, &layers, data, order);
+                    block.out_gradient.resize(block.out.len(), 0.0);
+                    let answer = loss(order, &block.out, &mut block.out_gradient);
+                    block.backward(self.level, &layers, &transposes, sum);
+                    answer
+                });
+                let answers = answers.collect();
+                self.give_back(block);
+                answers
+            })
+            .collect();
+        let (first, rest) = sums[..used].split_at_mut(1);
+        add_in_order(&mut first[0], &rest.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        self.sums = sums;
+        (answers.into_iter().flatten().collect(), &self.sums[0])
     }
 
-    /// Inputs, outputs and hidden activations of a row.
-    fn widths(&self) -> (usize, usize, usize) {
-        (self.sizes[0], self.sizes[self.sizes.len() - 1], hidden_width(&self.sizes))
+    fn take_block(&self) -> Block {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    fn give_back(&self, block: Block) {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(block);
     }
 }
 
-/// One block of the backward pass, as slices.
-#[derive(Clone, Copy)]
-struct BlockGradient<'a> {
-    x: &'a [f32],
-    hidden: &'a [f32],
-    out_gradient: &'a [f32],
-}
-
-/// Adds the parameter gradients of one block to those of its partition.
-fn backward_block(level: Level, layers: &[Layer<'_>], block: BlockGradient<'_>, partition: &mut Partition) {
-    let rows = block.x.len() / layers[0].inputs;
-    let mut remaining = partition.sum.as_mut_slice();
-    let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut remaining, layer)).collect();
-    let [mut current, mut next] = partition.scratch.each_mut();
-    let mut hidden = block.hidden;
-    for (index, layer) in layers.iter().enumerate().rev() {
-        let gradient = if index + 1 == layers.len() {
-            column_sums(level, block.out_gradient, sums[index].1);
-            block.out_gradient
-        } else {
-            &current[..rows * layer.outputs]
-        };
-        let gradient = Matrix::new(gradient, rows, layer.outputs);
-        if index == 0 {
-            let x = Matrix::new(block.x, rows, layer.inputs);
-            matmul(sums[0].0, Accumulate, x.transposed(), gradient);
-            return;
+impl Block {
+    /// Sends some rows of `data` forwards.
+    fn forward(&mut self, level: Level, layers: &[Layer<'_>], data: &[f32], order: &[i32]) {
+        let (inputs, outputs) = (layers[0].inputs, layers[layers.len() - 1].outputs);
+        let width: usize = layers[1..].iter().map(|layer| layer.inputs).sum();
+        self.x.resize(order.len() * inputs, 0.0);
+        self.hidden.resize(order.len() * width, 0.0);
+        self.out.resize(order.len() * outputs, 0.0);
+        for (row, index) in self.x.chunks_exact_mut(inputs).zip(order) {
+            row.copy_from_slice(&data[*index as usize * inputs..][..inputs]);
         }
-        let (rest, input) = hidden.split_at(hidden.len() - rows * layer.inputs);
-        hidden = rest;
-        let input_matrix = Matrix::new(input, rows, layer.inputs);
-        matmul(sums[index].0, Accumulate, input_matrix.transposed(), gradient);
-        next.resize(next.len().max(rows * layer.inputs), 0.0);
-        let input_gradient = &mut next[..rows * layer.inputs];
-        matmul(input_gradient, Overwrite, gradient, layer.weight().transposed());
-        tanh_backward(level, input_gradient, input, sums[index - 1].1);
-        std::mem::swap(&mut current, &mut next);
+        forward_block(level, layers, &self.x, &mut self.hidden, &mut self.out);
+    }
+
+    /// Adds the gradients of the parameters to `sum`; `transposes` are those of the layers' weights.
+    fn backward(
+        &mut self,
+        level: Level,
+        layers: &[Layer<'_>],
+        transposes: &[Transpose],
+        mut sum: &mut [f32],
+    ) {
+        let rows = self.x.len() / layers[0].inputs;
+        let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut sum, layer)).collect();
+        let [mut current, mut next] = self.gradients.each_mut();
+        let mut hidden = self.hidden.as_slice();
+        for (index, layer) in layers.iter().enumerate().rev() {
+            let gradient = if index + 1 == layers.len() {
+                column_sums(level, &self.out_gradient, sums[index].1);
+                &self.out_gradient
+            } else {
+                &*current
+            };
+            let gradient = Matrix::new(gradient, rows, layer.outputs);
+            if index == 0 {
+                let x = Matrix::new(&self.x, rows, layer.inputs);
+                matmul(level, sums[0].0, Accumulate, x.transposed(), gradient);
+                return;
+            }
+            let (rest, input) = hidden.split_at(hidden.len() - rows * layer.inputs);
+            hidden = rest;
+            let input_matrix = Matrix::new(input, rows, layer.inputs);
+            matmul(level, sums[index].0, Accumulate, input_matrix.transposed(), gradient);
+            next.resize(rows * layer.inputs, 0.0);
+            matmul(level, next, Overwrite, gradient, transposes[index].view());
+            tanh_backward(level, next, input, sums[index - 1].1);
+            std::mem::swap(&mut current, &mut next);
+        }
     }
 }

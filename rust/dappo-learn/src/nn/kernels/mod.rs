@@ -11,6 +11,8 @@ pub mod lstm;
 mod lstm_cell;
 mod matmul;
 mod mlp;
+#[cfg(target_arch = "x86_64")]
+mod product;
 mod reduce;
 
 pub use level::Level;
