@@ -189,7 +189,7 @@ mod tests {
     }
 
     /// Products of whole numbers, which no order of summation rounds, with every number of rows and columns that are
-    /// left over beside full tiles; what lies behind the destination stays as it is.
+    /// left over beside full tiles, and long inner dimensions; what lies behind the destination stays as it is.
     #[test]
     fn products_of_every_shape_equal_their_definition_and_write_nothing_else() {
         let number = |index: usize| ((index * 7 + 3) % 11) as f32 - 5.0;

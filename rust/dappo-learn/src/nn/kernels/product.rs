@@ -11,6 +11,9 @@ use std::arch::x86_64::{
 
 /// Numbers in a register.
 const LANES: usize = 16;
+/// Steps of the inner dimension that are taken before the next: rows of both matrices then stay in cache until every
+/// tile has seen them.
+const STEPS: usize = 128;
 
 /// Where a matrix begins and how far apart its rows and its columns are.
 #[derive(Clone, Copy)]
@@ -33,12 +36,30 @@ pub(super) struct Product {
 }
 
 impl Product {
-    /// Computes the product, three registers of columns at a time.
+    /// Computes the product.
     ///
     /// # Safety
     /// Every number of the three matrices must exist, and `out` must overlap neither of the others.
     #[target_feature(enable = "avx512f,fma")]
-    pub unsafe fn run(self) {
+    pub unsafe fn run(mut self) {
+        let all = self.inner;
+        self.inner = all.min(STEPS);
+        // SAFETY: the pieces of the inner dimension are parts of what the caller promises to exist.
+        unsafe {
+            self.piece();
+            for done in (STEPS..all).step_by(STEPS) {
+                self.a.first = self.a.first.add(STEPS * self.a.column_stride);
+                self.b.first = self.b.first.add(STEPS * self.b.row_stride);
+                self.inner = STEPS.min(all - done);
+                self.accumulate = true;
+                self.piece();
+            }
+        }
+    }
+
+    /// Computes the product of a piece of the inner dimension, three registers of columns at a time.
+    #[target_feature(enable = "avx512f,fma")]
+    unsafe fn piece(self) {
         let mut column = 0;
         while column < self.columns {
             // SAFETY: these columns exist in `b` and `out`, as the caller promises.
