@@ -116,9 +116,11 @@ def test_a_synchronised_twin_of_a_healthy_robot_does_the_same(collected: Collect
         data = records(collected[way])
         healthy, twin = data["damaged"][:, 0, :steps], data["twin"][:, 0, :steps]
         # Observations are f32, and contact forces amplify their rounding.
-        np.testing.assert_allclose(healthy[..., :27], twin[..., :27], atol=2e-3)
+        rounding = 2e-3
+        np.testing.assert_allclose(healthy[..., :27], twin[..., :27], atol=rounding)
+        # A limb that the policy hardly moves in this step does not show that it is jammed.
         damaged = np.abs(data["damaged"][:, 1:, 0, :27] - data["twin"][:, 1:, 0, :27]).max(-1)
-        assert np.median(damaged) > 0.1, "damage shows in the first step already"
+        assert np.mean(damaged > 10 * rounding) > 0.4, "most damage shows in the first step already"
 
 
 def test_every_damage_class_of_a_rollout_begins_in_the_same_state(collected: Collected) -> None:
