@@ -53,7 +53,10 @@ impl<Net: Module> Descent<'_, Net> {
         let mut sum: Option<Tensor<1>> = None;
         for minibatch in minibatches {
             let (loss, gradients) = problem.gradients(self.net, minibatch)?;
-            sum = Some(sum.map_or_else(|| loss.clone(), |sum| sum + loss.clone()));
+            sum = Some(match sum {
+                Some(sum) => sum + loss,
+                None => loss,
+            });
             *self.net = self.optimizer.step(self.learning_rate, self.net.clone(), gradients);
         }
         Ok(sum.map_or(Ok(0.0), scalar)? / count)
