@@ -53,25 +53,27 @@ impl Problem<GaussianPolicy> for FusedPolicy<'_> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
         let Self { objective, batch, .. } = *self;
         let count = minibatch.len() as f64;
-        // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only after all
-        // rows. It seldom does: so suppose that it does not, and begin anew with what is known then if it did.
-        let mut kl_slope = objective.kl_slope(0.0);
-        let (sums, gradient, kl) = loop {
+        let mut pass = |kl_slope: f64| {
             let weights = Weights {
                 kl: kl_slope as f32,
                 clip_range: objective.clip_range as f32,
                 row: 1.0 / minibatch.len() as f32,
             };
-            let (sums, gradient) =
-                self.pass.gradient(&parameters, batch.obs, &minibatch, |rows, means, gradients| {
-                    gaussian.gradients(weights, batch, rows, means, gradients)
-                });
-            let kl = sums.iter().map(|sums| sums.kl).sum::<f64>() / count;
-            let supposed = std::mem::replace(&mut kl_slope, objective.kl_slope(kl));
-            if kl_slope == supposed {
-                break (sums, gradient.to_vec(), kl);
-            }
+            let loss = |rows: &[i32], means: &[f32], gradients: &mut [f32]| {
+                gaussian.gradients(weights, batch, rows, means, gradients)
+            };
+            let (sums, gradient) = self.pass.gradient(&parameters, batch.obs, &minibatch, loss);
+            (sums, gradient.to_vec())
         };
+        // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only after all
+        // rows. It seldom does: so suppose that it does not, and pass once more with what is known then if it did.
+        let supposed = objective.kl_slope(0.0);
+        let (mut sums, mut gradient) = pass(supposed);
+        let kl = sums.iter().map(|sums| sums.kl).sum::<f64>() / count;
+        let kl_slope = objective.kl_slope(kl);
+        if kl_slope != supposed {
+            (sums, gradient) = pass(kl_slope);
+        }
         let surrogate = sums.iter().map(|sums| sums.surrogate).sum::<f64>() / count;
         let mut log_std_gradient = vec![0.0; self.old_log_std.len()];
         for sums in &sums {
