@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -40,8 +41,10 @@ pub struct Meta {
 
 impl RunFolder {
     /// Makes a new run folder; refuses one that already holds a run.
-    pub fn create(root: &Path, config: &Config, meta: &Meta) -> Result<Self> {
-        let run = Self { root: root.to_owned() };
+    pub fn create(root: &Path, config: &Config, meta: &Meta) -> Result<LockedRun> {
+        fs::create_dir_all(root).map_err(io(root))?;
+        // Only then is there a look at what it holds: of two processes that begin together, one makes the run.
+        let run = Self { root: root.to_owned() }.lock()?;
         if run.config_path().exists() {
             return Err(LearnError::Invalid(format!(
                 "{} already holds a run; choose another folder with --run, or go on with it with --resume",
@@ -77,20 +80,23 @@ impl RunFolder {
         &self.root
     }
 
-    /// Keeps other processes from training this run until the file is dropped; the lock of a killed process is gone.
-    pub fn lock(&self) -> Result<File> {
+    /// Locks the run for training; refuses one that another process trains.
+    pub fn lock(self) -> Result<LockedRun> {
         let path = self.root.join("lock");
         let file = File::create(&path).map_err(io(&path))?;
         match file.try_lock() {
-            Ok(()) => Ok(file),
-            Err(TryLockError::WouldBlock) => Err(LearnError::Invalid(format!(
-                "{} is being trained by another process; wait for its end, or choose another folder",
-                self.root.display()
-            ))),
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(LearnError::Invalid(format!(
+                    "{} is being trained by another process; wait for its end, or choose another folder",
+                    self.root.display()
+                )));
+            }
             // Some network disks have no locks.
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(file),
-            Err(TryLockError::Error(error)) => Err(io(&path)(error)),
+            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
+            Err(TryLockError::Error(error)) => return Err(io(&path)(error)),
         }
+        Ok(LockedRun { folder: self, _lock: file })
     }
 
     fn config_path(&self) -> PathBuf {
@@ -125,15 +131,6 @@ impl RunFolder {
         MetricsLog::new(&self.root, "env_steps")
     }
 
-    /// Notes a new budget of env steps in `config.toml`.
-    pub fn extend(&self, total_steps: u64) -> Result<()> {
-        let (_, config) = Self::open(&self.root)?;
-        if config.total_steps == total_steps {
-            return Ok(());
-        }
-        write_atomically(&self.config_path(), Config { total_steps, ..config }.to_toml()?.as_bytes())
-    }
-
     /// Whether an iteration has been reported.
     #[must_use]
     pub fn has_metrics(&self) -> bool {
@@ -154,6 +151,32 @@ impl RunFolder {
         let text =
             serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
         write_atomically(&path, text.as_bytes())
+    }
+}
+
+/// A run folder that this process alone may train until it is dropped; the lock of a killed process is gone.
+#[derive(Debug)]
+pub struct LockedRun {
+    folder: RunFolder,
+    _lock: File,
+}
+
+impl Deref for LockedRun {
+    type Target = RunFolder;
+
+    fn deref(&self) -> &RunFolder {
+        &self.folder
+    }
+}
+
+impl LockedRun {
+    /// Notes a new budget of env steps in `config.toml`.
+    pub fn extend(&self, total_steps: u64) -> Result<()> {
+        let (_, config) = RunFolder::open(&self.root)?;
+        if config.total_steps == total_steps {
+            return Ok(());
+        }
+        write_atomically(&self.config_path(), Config { total_steps, ..config }.to_toml()?.as_bytes())
     }
 
     /// Appends one line to `metrics.jsonl`.

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::gae::gae;
 use crate::metrics::Metrics;
 use crate::ppo::Ppo;
-use crate::run_folder::RunFolder;
+use crate::run_folder::LockedRun;
 
 use session::Session;
 
@@ -41,11 +41,10 @@ pub struct Outcome {
 pub fn train(
     config: &Config,
     factory: &dyn EnvFactory,
-    run: &RunFolder,
+    run: &LockedRun,
     resume: bool,
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
-    let _lock = run.lock()?;
     let mut session = Session::new(config, factory)?;
     let is_fresh = !run.has_metrics() && !Checkpoint::any(&run.checkpoints())?;
     if resume && !is_fresh {

@@ -8,7 +8,7 @@ use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
-use crate::run_folder::RunFolder;
+use crate::run_folder::{LockedRun, RunFolder};
 
 pub(super) struct Session {
     pub ppo: Ppo,
@@ -44,7 +44,7 @@ impl Session {
     }
 
     /// Goes back to the newest checkpoint of the run.
-    pub fn load(&mut self, run: &RunFolder, config: &Config) -> Result<()> {
+    pub fn load(&mut self, run: &LockedRun, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
         self.ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
         self.episodes = checkpoint.restore_envs(self.engine.as_mut())?;

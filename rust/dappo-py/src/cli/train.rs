@@ -8,7 +8,7 @@ use dappo_learn::LearnerDevice;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
-use dappo_learn::run_folder::{Meta, RunFolder};
+use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::train;
 use dappo_sim::SimError;
 use pyo3::prelude::*;
@@ -77,8 +77,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Call
 
 /// Opens a run to go on with; `--steps` may extend its budget, and another machine may have other threads and devices
 /// of networks.
-fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(RunFolder, Config)> {
+fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Config)> {
     let (run, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
+    let run = run.lock().map_err(|error| from_learn(&error))?;
     if let Some(steps) = arguments.config.steps {
         config.total_steps = steps as u64;
     }
@@ -97,7 +98,7 @@ fn create(
     config: &Config,
     factory: &TableFactory,
     argv: &[String],
-) -> PyResult<RunFolder> {
+) -> PyResult<LockedRun> {
     // A run that could not begin, or could not enter a later stage, leaves no folder behind.
     check_names(config, factory).map_err(|error| from_sim(&error))?;
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());

@@ -1,0 +1,74 @@
+//! Processes that want the same run folder.
+
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::path::{Path, PathBuf};
+use std::sync::Barrier;
+use std::thread;
+
+use dappo_learn::Simulator;
+use dappo_learn::config::Config;
+use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
+
+const RIVALS: u64 = 8;
+
+fn scratch(name: &str) -> PathBuf {
+    let root = std::env::temp_dir().join(format!("dappo-run-folder-{}-{name}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&root);
+    root
+}
+
+/// A run that can be told by its seed.
+fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
+    let [backend, precision, device, physics] = ["lanes", "f32", "cpu", "rk4"].map(String::from);
+    let meta = Meta {
+        version: "0".into(),
+        mujoco: "0".into(),
+        simulator: Simulator { backend, precision, device, physics },
+        reward: "gym".into(),
+        threads: 1,
+        platform: "test".into(),
+        command: Vec::new(),
+    };
+    let config = Config { robot: "ant".into(), seed, ..Config::default() };
+    RunFolder::create(root, &config, &meta).map_err(|error| error.to_string())
+}
+
+#[test]
+fn of_many_that_begin_at_once_one_makes_the_run() {
+    for round in 0..20 {
+        let root = scratch(&round.to_string());
+        let start = Barrier::new(RIVALS as usize);
+        let rivals: Vec<_> = thread::scope(|scope| {
+            let rival = |seed| {
+                let (root, start) = (&root, &start);
+                scope.spawn(move || {
+                    start.wait();
+                    create(root, seed)
+                })
+            };
+            let threads: Vec<_> = (0..RIVALS).map(rival).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        let winners: Vec<_> = (0..RIVALS).filter(|&seed| rivals[seed as usize].is_ok()).collect();
+        assert_eq!(winners.len(), 1, "{rivals:?}");
+        for error in rivals.iter().filter_map(|rival| rival.as_ref().err()) {
+            assert!(error.contains("is being trained by another process"), "{error}");
+        }
+        let (_, config) = RunFolder::open(&root).unwrap();
+        assert_eq!(config.seed, winners[0]);
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+}
+
+#[test]
+fn a_run_is_locked_until_it_is_dropped_and_never_made_twice() {
+    let root = scratch("twice");
+    let run = create(&root, 0).unwrap();
+    let lock = || RunFolder::open(&root).unwrap().0.lock();
+    assert!(lock().unwrap_err().to_string().contains("is being trained by another process"));
+    drop(run);
+    assert!(create(&root, 1).unwrap_err().contains("already holds a run"));
+    assert!(lock().is_ok());
+    std::fs::remove_dir_all(&root).unwrap();
+}
