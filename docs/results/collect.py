@@ -24,11 +24,11 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from curves import ENV_STEPS, picture
+
 FOLDER = Path(__file__).resolve().parent
 SPANS = 50
 """Points of a curve."""
-WIDTH, HEIGHT, MARGIN = 640, 360, 56
-COLOURS = ("#0b6e99", "#c2571a", "#4f7d2a", "#7d4f99")
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,10 @@ def main() -> None:
     runs = [found[key] for key in sorted(found)]
     write(target / "per_class.csv", (tag(run) | row for run in runs for row in run.classes))
     write(target / "curves.csv", (tag(run) | rounded(point) for run in runs for point in run.points))
-    (target / "curves.svg").write_text(picture(runs), encoding="utf-8")
+    learners: dict[str, list[list[dict[str, float]]]] = defaultdict(list)
+    for run in runs:
+        learners[run.learner].append(run.points)
+    (target / "curves.svg").write_text(picture(learners, ENV_STEPS), encoding="utf-8")
     for run in runs:
         reward = mean(float(row["forward_reward"]) for row in run.classes)
         print(f"{run.learner}, seed {run.seed}: {reward:.1f} in {run.points[-1]['seconds']:.0f} s")
@@ -125,74 +128,6 @@ def write(path: Path, rows: Iterable[dict[str, Any]]) -> None:
         writer = csv.DictWriter(file, table[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
-
-
-def picture(runs: list[Run]) -> str:
-    """Draw forward reward over env steps as SVG."""
-    learners: dict[str, list[Run]] = defaultdict(list)
-    for run in runs:
-        learners[run.learner].append(run)
-    last = max(point["env_steps"] for run in runs for point in run.points)
-    top = max(point["forward_reward"] for run in runs for point in run.points)
-    scale = Scale(last, round_up(top))
-    shapes = [axes(scale)]
-    for line, (colour, (name, group)) in enumerate(zip(COLOURS, learners.items(), strict=False)):
-        spans = list(zip(*(run.points for run in group), strict=False))
-        values = [[point["forward_reward"] for point in span] for span in spans]
-        steps = [span[0]["env_steps"] for span in spans]
-        band = [*zip(steps, map(max, values), strict=True)]
-        band += reversed([*zip(steps, map(min, values), strict=True)])
-        shapes.append(f'<polygon points="{scale.path(band)}" fill="{colour}" opacity="0.2"/>')
-        middle = zip(steps, map(mean, values), strict=True)
-        shapes.append(
-            f'<polyline points="{scale.path(middle)}" fill="none" stroke="{colour}" stroke-width="2"/>'
-        )
-        label = f"{name}, {len(group)} seed{'s' if len(group) > 1 else ''}"
-        shapes.append(f'<text x="{MARGIN + 12}" y="{MARGIN + 18 * line}" fill="{colour}">{label}</text>')
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
-    style = 'font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="white"/>'
-    return "\n".join([f"{head} {style}", *shapes, "</svg>\n"])
-
-
-@dataclass(frozen=True)
-class Scale:
-    """From data to pixels."""
-
-    x_max: float
-    y_max: float
-
-    def x(self, steps: float) -> float:
-        """Return the abscissa of a number of env steps."""
-        return MARGIN + steps / self.x_max * (WIDTH - 2 * MARGIN)
-
-    def y(self, reward: float) -> float:
-        """Return the ordinate of a forward reward; negative ones lie on the axis."""
-        return HEIGHT - MARGIN - max(reward, 0.0) / self.y_max * (HEIGHT - 2 * MARGIN)
-
-    def path(self, points: Iterable[tuple[float, float]]) -> str:
-        """Return the points of a line."""
-        return " ".join(f"{self.x(steps):.1f},{self.y(reward):.1f}" for steps, reward in points)
-
-
-def round_up(value: float) -> float:
-    """Return the next multiple of 100."""
-    return -(-value // 100) * 100
-
-
-def axes(scale: Scale) -> str:
-    """Draw axes with five ticks each."""
-    shapes = []
-    for tick in range(6):
-        steps, reward = tick / 5 * scale.x_max, tick / 5 * scale.y_max
-        x, y = scale.x(steps), scale.y(reward)
-        shapes += [
-            f'<line x1="{MARGIN}" y1="{y:.1f}" x2="{WIDTH - MARGIN}" y2="{y:.1f}" stroke="#ddd"/>',
-            f'<text x="{MARGIN - 8}" y="{y + 4:.1f}" text-anchor="end">{reward:.0f}</text>',
-            f'<text x="{x:.1f}" y="{HEIGHT - MARGIN + 18}" text-anchor="middle">{steps / 1e6:.1f} M</text>',
-        ]
-    shapes.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">env steps</text>')
-    shapes.append(f'<text x="{MARGIN - 40}" y="{MARGIN - 20}">forward reward of an episode</text>')
-    return "\n".join(shapes)
 
 
 if __name__ == "__main__":
