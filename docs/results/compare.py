@@ -1,8 +1,9 @@
 """Compare the two learners of a results page, from its table.
 
-Usage: ``python docs/results/compare.py NAME [SEED...]`` reads ``docs/results/NAME/per_class.csv`` and prints,
-for all seeds or for those given, the mean forward reward of each learner, the gain of DA-PPO over PPO-Unaware
-with its interval, the classes in which it is ahead, and the groups of damage classes.
+Usage: ``python docs/results/compare.py [--column episode_return] NAME [SEED...]`` reads
+``docs/results/NAME/per_class.csv`` and prints, for all seeds or for those given, the mean of a column (the
+forward reward, if none is named) for each learner, the gain of DA-PPO over PPO-Unaware with its interval, the
+classes in which it is ahead, and the groups of damage classes.
 
 Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
 classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does
@@ -11,9 +12,9 @@ the last digit. It needs nothing but Python.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import random
-import sys
 from collections import defaultdict
 from pathlib import Path
 from statistics import mean
@@ -23,16 +24,20 @@ RESAMPLES = 10_000
 AWARE, UNAWARE = "DA-PPO, code scale 4", "PPO-Unaware"
 
 Rewards = dict[int, dict[str, float]]
-"""Mean forward reward by seed and damage class."""
+"""Mean of the column by seed and damage class."""
 
 
 def main() -> None:
     """Print the comparison."""
-    name, *seeds = sys.argv[1:]
-    with (FOLDER / name / "per_class.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if not seeds or row["seed"] in seeds]
+    parser = argparse.ArgumentParser(description="Compare the two learners of a results page.")
+    parser.add_argument("--column", default="forward_reward")
+    parser.add_argument("name")
+    parser.add_argument("seeds", nargs="*")
+    asked = parser.parse_args()
+    with (FOLDER / asked.name / "per_class.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if not asked.seeds or row["seed"] in asked.seeds]
     groups = {row["name"]: row["group"] for row in rows}
-    aware, unaware = (rewards(rows, learner) for learner in (AWARE, UNAWARE))
+    aware, unaware = (rewards(rows, learner, asked.column) for learner in (AWARE, UNAWARE))
     for learner, found in (("DA-PPO", aware), ("PPO-Unaware", unaware)):
         means = {seed: mean(classes.values()) for seed, classes in found.items()}
         each = ", ".join(f"seed {seed}: {value:.1f}" for seed, value in means.items())
@@ -51,12 +56,12 @@ def main() -> None:
         print(f"| {group} | {len(members)} | {' | '.join(columns)} |")
 
 
-def rewards(rows: list[dict[str, str]], learner: str) -> Rewards:
-    """Pick one learner's rewards."""
+def rewards(rows: list[dict[str, str]], learner: str, column: str) -> Rewards:
+    """Pick one learner's column."""
     found: Rewards = defaultdict(dict)
     for row in rows:
         if row["learner"] == learner:
-            found[int(row["seed"])][row["name"]] = float(row["forward_reward"])
+            found[int(row["seed"])][row["name"]] = float(row[column])
     return found
 
 
