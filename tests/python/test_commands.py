@@ -81,12 +81,12 @@ options = {"threads": 1, "envs": 4, "set": {"horizon": 16, "ppo.hidden": [8]}}
 try:
     dappo_batch.train(sys.argv[1], steps=10**9, callback=lambda line: print("line", flush=True), **options)
 except KeyboardInterrupt:
-    print("interrupted", flush=True)
-try:
-    while True:
-        pass
-except KeyboardInterrupt:
-    print("again", flush=True)
+    try:
+        print("interrupted", flush=True)
+        while True:
+            pass
+    except KeyboardInterrupt:
+        print("again", flush=True)
 """
     command = [sys.executable, "-c", program, str(tmp_path / "run")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
