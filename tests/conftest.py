@@ -16,6 +16,8 @@ import pytest
 import dappo_batch
 from dappo_batch import ClassTable
 
+from . import processes
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _warp_on_one_device() -> Iterator[None]:
@@ -30,6 +32,13 @@ def _warp_on_one_device() -> Iterator[None]:
     wp.config.log_level = wp.LOG_WARNING
     with wp.ScopedDevice(os.environ.get("DAPPO_WARP_DEVICE", "cpu")):
         yield
+
+
+@pytest.fixture(autouse=True)
+def _no_process_outlives_its_test() -> Iterator[None]:
+    """End what a test has started, if it failed before it could do so."""
+    yield
+    processes.end_all()
 
 
 @pytest.fixture(scope="session")

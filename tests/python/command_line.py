@@ -1,16 +1,22 @@
-"""Run the console script in processes of their own, and read what it leaves behind."""
+"""Run the command line, where a process is the point in one of its own, and read what it leaves behind."""
 
 from __future__ import annotations
 
+import contextlib
 import json
-import re
+import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+
+from dappo_batch._core import run_cli
+
+from .. import processes
 
 PROGRAM = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
 TINY = (
@@ -24,38 +30,51 @@ ITERATION = 64
 
 
 def dappo_batch(*arguments: str | Path, code: int = 0, cwd: Path | None = None) -> tuple[str, str]:
-    """Run the command line; return its standard output and error."""
-    command = [*PROGRAM, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
-    assert done.returncode == code, (command, done.returncode, done.stdout, done.stderr)
-    return done.stdout, done.stderr
-
-
-_MANY = """
-import json, sys
-from dappo_batch._core import run_cli
-for arguments in json.loads(sys.argv[1]):
-    code = run_cli(arguments)
-    print(f"code {code}", flush=True)
-    print(f"code {code}", file=sys.stderr, flush=True)
-"""
+    """Run the command line in this process; return its standard output and error."""
+    found, out, err = _in_process(arguments, cwd)
+    assert found == code, (arguments, found, out, err)
+    return out, err
 
 
 def dappo_batch_many(*commands: tuple[str | Path, ...]) -> list[tuple[int, str, str]]:
-    """Run commands one after the other in one process, to save its start; return codes, outputs, errors."""
-    arguments = json.dumps([list(map(str, command)) for command in commands])
-    program = [sys.executable, "-c", _MANY, arguments]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=120, check=True)
-    outputs, errors = (
-        re.split(r"^code (\d+)\n", text, flags=re.MULTILINE) for text in (done.stdout, done.stderr)
-    )
-    return [(int(outputs[2 * i + 1]), outputs[2 * i], errors[2 * i]) for i in range(len(commands))]
+    """Run commands one after the other in this process; return codes, outputs, errors."""
+    return [_in_process(command, None) for command in commands]
+
+
+def _in_process(arguments: tuple[str | Path, ...], cwd: Path | None) -> tuple[int, str, str]:
+    with (
+        contextlib.chdir(cwd or Path.cwd()),
+        tempfile.TemporaryFile() as out,
+        tempfile.TemporaryFile() as err,
+    ):
+        with _standard_stream(1, "stdout", out), _standard_stream(2, "stderr", err):
+            code = run_cli(list(map(str, arguments)))
+        texts = []
+        for file in (out, err):
+            file.seek(0)
+            texts.append(file.read().decode())
+    return code, texts[0], texts[1]
+
+
+@contextlib.contextmanager
+def _standard_stream(number: int, name: str, file: IO[bytes]) -> Iterator[None]:
+    """Let Rust, which writes to the file descriptor, and Python, where pytest has put its own file, write here."""
+    kept, kept_number = getattr(sys, name), os.dup(number)
+    kept.flush()
+    os.dup2(file.fileno(), number)
+    try:
+        with open(number, "w", closefd=False, encoding="utf-8") as stream:
+            setattr(sys, name, stream)
+            yield
+    finally:
+        setattr(sys, name, kept)
+        os.dup2(kept_number, number)
+        os.close(kept_number)
 
 
 def start(*arguments: str | Path) -> subprocess.Popen[str]:
-    """Start the command line without waiting for its end."""
-    command = [*PROGRAM, *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """Start the command line in a process of its own without waiting for its end."""
+    return processes.start([*PROGRAM, *arguments])
 
 
 def interrupt_when(condition: Callable[[], bool], *arguments: str | Path) -> str:

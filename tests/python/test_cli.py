@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 import dappo_batch as package
 from dappo_batch._core import DamageSpace, run_cli
 
+from .. import processes
 from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -138,7 +138,7 @@ def test_a_run_folder_that_cannot_be_made_is_named(tmp_path: Path, capfd: pytest
 
 def test_the_exit_code_leaves_the_process() -> None:
     script = Path(sys.executable).with_name("dappo-batch")
-    done = subprocess.run([script, "fly"], capture_output=True, text=True, check=False)
+    done = processes.run([script, "fly"], timeout=60)
     assert done.returncode == 2
     assert done.stdout == ""
 

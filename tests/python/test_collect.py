@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import resource
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 import dappo_batch as package
 
+from .. import processes
 from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
 from .numpy_policy import mean_actions
 
@@ -183,12 +183,9 @@ def test_a_full_disk_is_named_and_leaves_a_valid_prefix(expert: Path, tmp_path: 
     dappo_batch(*arguments(expert, whole, rollouts=rollouts))
     limit = (whole / "rollouts-000000.npy").stat().st_size * 3 // 4
     command = arguments(expert, full, rollouts=rollouts)
-    done = subprocess.run(
-        [*PROGRAM, *map(str, command)],
-        capture_output=True,
-        text=True,
+    done = processes.run(
+        [*PROGRAM, *command],
         timeout=60,
-        check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert done.returncode == 1

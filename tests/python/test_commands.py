@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import dappo_batch
 from dappo_batch import ConfigError
 from dappo_batch.commands import TrainingOptions
 
+from .. import processes
 from .command_line import ITERATION, TINY, metrics
 from .command_line import dappo_batch as command_line
 
@@ -89,7 +89,7 @@ except KeyboardInterrupt:
         print("again", flush=True)
 """
     command = [sys.executable, "-c", program, str(tmp_path / "run")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with processes.start(command) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "line\n"
         process.send_signal(signal.SIGINT)

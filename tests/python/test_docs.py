@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import sys
 from functools import cache
 from importlib.util import find_spec
@@ -14,6 +13,9 @@ from typing import NamedTuple
 from urllib.parse import unquote
 
 import pytest
+
+from .. import processes
+from .command_line import dappo_batch
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAME = {ROOT / "docs" / name for name in ("index.md", "api.md")}  # speak to the generator of the site alone
@@ -80,7 +82,7 @@ def anchors(page: Path) -> set[str]:
 @cache
 def help_of(command: str) -> str:
     """Return what ``dappo-batch COMMAND --help`` prints; the list of commands for an empty name."""
-    return run(["dappo-batch", *command.split(), "--help"], ROOT)
+    return dappo_batch(*command.split(), "--help")[0]
 
 
 def shrunk(line: str) -> str:
@@ -117,15 +119,7 @@ def run(command: list[str], folder: Path) -> str:
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "PYTHONWARNINGS": "error",
     }
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        env=environment,
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
+    done = processes.run(command, cwd=folder, env=environment, timeout=SECONDS)
     assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 

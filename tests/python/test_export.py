@@ -7,7 +7,6 @@ import hashlib
 import importlib.util
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +23,7 @@ import dappo_batch
 from dappo_batch import Controller
 from dappo_batch._core import ExportedNetworks
 
+from .. import processes
 from .command_line import dappo_batch as run
 from .command_line import dappo_batch_many
 
@@ -296,12 +296,8 @@ def test_the_example_drives_a_robot_through_damage_without_this_package(exports:
         "import runpy, sys; sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__');"
         "assert 'dappo_batch' not in sys.modules"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program, EXAMPLE, exports / "B", "hip_2"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
+    done = processes.run(
+        [sys.executable, "-W", "error", "-c", program, EXAMPLE, exports / "B", "hip_2"], timeout=120
     )
     assert done.returncode == 0, done.stderr
     assert "an examination begins" in done.stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -21,6 +20,7 @@ from dappo_batch.report.figures.evaluation import means_of_groups
 from dappo_batch.report.learners import learners
 from dappo_batch.report.sources import read
 
+from .. import processes
 from .command_line import dappo_batch_many, files
 from .run_folders import write_adaptation, write_diagnoser, write_run, write_sweep, write_trace
 
@@ -279,13 +279,8 @@ def test_a_browser_shows_the_page_without_a_complaint(folder: Path, tmp_path: Pa
     assert CHROMIUM is not None
     dark = ["--blink-settings=preferredColorScheme=0"] if scheme == "dark" else []
     profile, address = f"--user-data-dir={tmp_path}", (folder / "report.html").as_uri()
-    done = subprocess.run(
-        [CHROMIUM, *FLAGS, *dark, profile, "--dump-dom", address],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
+    done = processes.run([CHROMIUM, *FLAGS, *dark, profile, "--dump-dom", address], timeout=60)
+    assert done.returncode == 0, done.stderr
     assert "CONSOLE" not in done.stderr
     # The script of the page has run: the switch offers the other theme.
     assert f">{'Light' if scheme == 'dark' else 'Dark'}</button>" in done.stdout

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import dappo_batch
+
+from .. import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,9 +19,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the site as `make docs` does."""
     folder = tmp_path_factory.mktemp("site")
     builder = (sys.executable, "-m", "sphinx", "--quiet", "--fail-on-warning", "--keep-going")
-    done = subprocess.run(
-        [*builder, ROOT / "docs", folder], capture_output=True, text=True, timeout=300, check=False
-    )
+    done = processes.run([*builder, ROOT / "docs", folder], timeout=300)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -17,7 +14,8 @@ import dappo_batch
 from dappo_batch import ConfigError
 from dappo_batch.sweeping import sweep
 
-from .command_line import ITERATION, PROGRAM, dappo_batch_many, files, metrics
+from .. import processes
+from .command_line import ITERATION, dappo_batch_many, files, metrics, start
 
 BASE = {
     "threads": 1,
@@ -94,16 +92,14 @@ def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: 
         *("sweep", "--out", out, "--jobs", "2", "--grid", "seed=0,1,2", "--base", *base),
         *("damage.max_damaged_limbs=0", "env.max_episode_steps=20", "checkpoint.every=5"),
     )
-    # A group of its own, so that the workers can be killed with it.
-    process = subprocess.Popen([*PROGRAM, *map(str, command)], start_new_session=True)
+    process = start(*command)
     begun = out / "seed=1" / "metrics.jsonl"
     deadline = time.monotonic() + 60
     while not (begun.exists() and begun.read_text().count("\n") >= 7):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    processes.end(process)  # and its workers
     ((code, printed, _),) = dappo_batch_many(command)
     assert code == 0
     assert printed.startswith("3 of 3 trainings are done")
@@ -131,8 +127,7 @@ def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
             "set": {"horizon": 16, "ppo.hidden": [8]},
         }
         program = f"import dappo_batch; dappo_batch.train({str(tmp_path / 'run')!r}, **{options!r})"
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-        return done.stderr
+        return processes.run([sys.executable, "-c", program], timeout=120).stderr
 
     with ThreadPoolExecutor(2) as pool:
         errors = list(pool.map(train, range(2)))

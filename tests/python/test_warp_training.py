@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -17,6 +16,7 @@ pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-bat
 
 from dappo_batch._core import run_cli
 
+from .. import processes
 from .burnpack import checkpoint_contents
 from .command_line import ITERATION, interrupt_when, metrics
 
@@ -120,7 +120,8 @@ def test_a_vector_env_that_nobody_closed_does_not_keep_a_program_from_ending() -
         "import dappo_batch; envs = dappo_batch.make_vec('ant', 2, device='warp-cpu', physics='euler');"
         "envs.reset()"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=120, capture_output=True)
+    done = processes.run([sys.executable, "-c", program], timeout=120)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 //! The learner as a whole: it learns, it resumes to the bit, it does not depend on threads.
 
-#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
-
 use std::path::PathBuf;
 
 use burn::tensor::Device;

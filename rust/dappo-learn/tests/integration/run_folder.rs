@@ -1,7 +1,5 @@
 //! Processes that want the same run folder.
 
-#![allow(clippy::unwrap_used, missing_docs)]
-
 use std::path::{Path, PathBuf};
 use std::sync::Barrier;
 use std::thread;

@@ -1,7 +1,5 @@
 //! The fused LSTM operation against the same layers composed of burn's own operations, and against PyTorch.
 
-#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
-
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use dappo_learn::nn::EmbeddedLstm;

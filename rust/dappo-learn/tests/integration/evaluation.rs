@@ -1,13 +1,8 @@
 //! Evaluations over a backend without physics: what reaches the policy, and how episodes are counted.
 
-#![allow(clippy::unwrap_used, clippy::float_cmp, missing_docs)]
-
-#[path = "../../dappo-sim/tests/counter/mod.rs"]
-mod counter;
-
 use std::cell::RefCell;
 
-use counter::{CODE, Counter, ROBOT, ROW};
+use crate::counter::{CODE, Counter, ROBOT, ROW};
 use dappo_learn::config::Config;
 use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate, evaluate_told};

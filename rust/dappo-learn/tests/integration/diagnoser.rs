@@ -1,8 +1,6 @@
 //! Training a diagnoser as a whole: it learns, it does not cheat, it resumes to the bit, it does not depend on
 //! threads, and what it saves reads back.
 
-#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
-
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,5 @@
 //! The kernels of the MLP against the same net composed of burn's own operations.
 
-#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
-
 use burn::tensor::{Device, Tensor, TensorData};
 use dappo_learn::nn::Mlp;
 use dappo_learn::nn::kernels::{self, Level, MlpPass};

@@ -1,10 +1,6 @@
 //! The vector env over a backend without physics, so that every number it returns is known.
 
-#![allow(clippy::unwrap_used, clippy::float_cmp, missing_docs)]
-
-mod counter;
-
-use counter::{CODE, Counter, ROW};
+use crate::counter::{CODE, Counter, ROW};
 use dappo_sim::curriculum::{ClassDistribution, ClassMix, Strata};
 use dappo_sim::vector_env::{Onset, ResetOptions};
 use dappo_sim::{Autoreset, DamageSpace, SimError, VectorEnv, VectorEnvConfig};

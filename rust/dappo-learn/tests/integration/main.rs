@@ -1,0 +1,13 @@
+//! Tests over the public interface of the crate, in one program: each that is linked takes its time.
+
+#![allow(clippy::unwrap_used, clippy::float_cmp, reason = "helpers of a test may fail loudly, as tests do")]
+
+#[path = "../../../dappo-sim/tests/integration/counter/mod.rs"]
+mod counter;
+
+mod diagnoser;
+mod evaluation;
+mod fused_lstm;
+mod fused_mlp;
+mod ppo;
+mod run_folder;

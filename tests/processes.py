@@ -1,0 +1,60 @@
+"""Processes of their own for tests, which end with the test, whatever they have started themselves."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+_STARTED: list[subprocess.Popen[str]] = []
+"""Processes whose end is not yet known."""
+
+
+def run(
+    command: Sequence[str | Path],
+    *,
+    timeout: float,
+    cwd: Path | None = None,
+    env: Mapping[str, str] | None = None,
+    **options: Any,  # noqa: ANN401
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end; `timeout` (s) cuts it off, with every process that it has started.
+
+    ``subprocess.run`` would end the command alone, and wait for those which hold its output open.
+    """
+    process = start(command, cwd=cwd, env=env, **options)
+    try:
+        out, err = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired as expired:
+        expired.output, expired.stderr = end(process)
+        raise
+    _STARTED.remove(process)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def start(command: Sequence[str | Path], **options: Any) -> subprocess.Popen[str]:  # noqa: ANN401
+    """Start a command at the head of a process group, whose output is read from pipes."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(list(map(str, command)), text=True, start_new_session=True, **(pipes | options))
+    _STARTED.append(process)
+    return process
+
+
+def end(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """Kill a process with all of its group; return what it has printed and nobody has read."""
+    if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    if process in _STARTED:
+        _STARTED.remove(process)
+    return process.communicate()
+
+
+def end_all() -> None:
+    """End what is left of what :func:`start` has started."""
+    for process in list(_STARTED):
+        end(process)
