@@ -7,8 +7,11 @@ UV := .tools/bin/uv
 RUN := $(UV) run --no-sync
 MATURIN := $(UV) run --locked --isolated --only-group wheels maturin
 CARGO_FLAGS := --release --workspace --locked
+# Tests run in this many processes, a file in one of them.
+WORKERS ?= 2
+PYTEST := $(RUN) pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help setup train test test-rust test-python lint format bench docs pictures wheels clean
+.PHONY: help setup train test test-fast test-rust test-python lint format bench docs pictures wheels clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -20,16 +23,20 @@ $(UV):
 setup: $(UV) ## Build the extension and install everything into .venv
 	$(UV) sync --locked --extra test --extra gpu
 
-train: setup ## Train DA-PPO on the damaged Ant: the main job
+train: $(UV) ## Train DA-PPO on the damaged Ant: the main job
+	$(UV) sync --locked --inexact
 	$(RUN) dappo-batch train
 
 test: lint test-rust test-python ## Pass every test: lints, types, Rust, Python
+
+test-fast: setup test-rust ## Tests for everyday use: all but the slow ones in Python
+	$(PYTEST) -m "not slow"
 
 test-rust: ## Rust tests, in the profile that the extension is built in
 	cargo test $(CARGO_FLAGS)
 
 test-python: setup ## Python tests
-	$(RUN) pytest
+	$(PYTEST)
 
 lint: setup ## Formatting, lints and types of both languages
 	cargo fmt --all --check

@@ -18,6 +18,27 @@ from dappo_batch import ClassTable
 
 from . import processes
 
+TOGETHER = (
+    r"^tests/kernels/|/test_warp_",  # Warp compiles a kernel once for a process
+    r"/test_(controller|export)\.py$",  # the fixture `parts`
+)
+"""Patterns of test files that run in one process."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:  # noqa: ANN401
+    """Let tests that would do the same costly work in every process share one of them."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByCost(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file: str = super()._split_scope(nodeid)
+            return next((pattern for pattern in TOGETHER if re.search(pattern, file)), file)
+
+    return ByCost(config, log)
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _warp_on_one_device() -> Iterator[None]:

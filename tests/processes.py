@@ -39,7 +39,9 @@ def run(
 def start(command: Sequence[str | Path], **options: Any) -> subprocess.Popen[str]:  # noqa: ANN401
     """Start a command at the head of a process group, whose output is read from pipes."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen(list(map(str, command)), text=True, start_new_session=True, **(pipes | options))
+    process = subprocess.Popen(
+        list(map(str, command)), text=True, start_new_session=True, **(pipes | options)
+    )
     _STARTED.append(process)
     return process
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .. import processes
 
-SECONDS = 1200  # far more than any program needs: only a hang is cut off
+SECONDS = 800  # far more than any program needs: only a hang is cut off
 
 
 def run_program(arguments: list[str], folder: Path) -> str:
