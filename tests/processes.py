@@ -58,5 +58,5 @@ def end(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 def end_all() -> None:
     """End what is left of what :func:`start` has started."""
-    for process in list(_STARTED):
+    for process in tuple(_STARTED):
         end(process)

@@ -58,7 +58,7 @@ def _in_process(arguments: tuple[str | Path, ...], cwd: Path | None) -> tuple[in
 
 @contextlib.contextmanager
 def _standard_stream(number: int, name: str, file: IO[bytes]) -> Iterator[None]:
-    """Let Rust, which writes to the file descriptor, and Python, where pytest has put its own file, write here."""
+    """Let Rust write here, which knows the file descriptor, and Python, whose stream is one of pytest's."""
     kept, kept_number = getattr(sys, name), os.dup(number)
     kept.flush()
     os.dup2(file.fileno(), number)
