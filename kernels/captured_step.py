@@ -78,7 +78,7 @@ class CapturedStep:
         ------
         PhysicsOverflowError
             If there was no room for all contacts or constraints.
-        ValueError
+        FloatingPointError
             If the policy produced an action that is not finite.
         """
         self.rollout.row.zero_()
@@ -90,5 +90,5 @@ class CapturedStep:
         self.worlds.check_room()
         if count := int(self.worlds.nonfinite_actions.numpy()[0]):
             self.worlds.nonfinite_actions.zero_()
-            raise ValueError(f"the policy's actions hold {count} numbers that are not finite")
+            raise FloatingPointError(f"the policy's actions hold {count} numbers that are not finite")
         return self.rollout

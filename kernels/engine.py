@@ -135,7 +135,7 @@ class Engine:
         ------
         PhysicsOverflowError
             If there was no room for all contacts or constraints.
-        ValueError
+        FloatingPointError
             If the policy produced an action that is not finite.
         """
         with wp.ScopedDevice(self.device):

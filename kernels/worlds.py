@@ -15,28 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from .damage import DamageFields, class_rows
 from .episode import BEFORE_THE_FIRST, Endings, Episodes, count_step, keep_final, strike
 from .observe import Observer
+from .overflow import check_overflow
 from .reset import DRAW, EpisodeDraws, StateReset
 from .reward import Judge, Outcome
 from .task import Task
 
-__all__ = ["PhysicsOverflowError", "Worlds", "contact_bound"]
+__all__ = ["Worlds", "contact_bound"]
 
 wp.set_module_options({"enable_backward": False})
-
-
-class PhysicsOverflowError(RuntimeError):
-    """More contacts or constraints than there is room for: the physics of some steps was wrong.
-
-    Attributes
-    ----------
-    njmax, nconmax : int
-        The room there was: constraints of a world, contacts a world on average.
-    """
-
-    def __init__(self, message: str, njmax: int, nconmax: int) -> None:
-        super().__init__(message)
-        self.njmax = njmax
-        self.nconmax = nconmax
 
 
 @wp.kernel
@@ -278,20 +264,12 @@ class Worlds:
         Raises
         ------
         PhysicsOverflowError
-            If there were more than `nconmax` or `njmax` allow.
+            If there were more than there is room for.
         """
         flags = self.data.overflow.numpy().copy()  # on a CPU it is a view
-        if not flags.any():
-            return
-        self.data.overflow.zero_()
-        found = mjw.OverflowType(int(np.bitwise_or.reduce(flags)))
-        raise PhysicsOverflowError(
-            f"{int((flags != 0).sum())} of {self.num_worlds} worlds had no room for all contacts or"
-            f" constraints ({found.name}); set more than njmax = {self.data.njmax} (constraints in a world)"
-            f" or nconmax = {self.data.naconmax // self.num_worlds} (contacts a world)",
-            njmax=self.data.njmax,
-            nconmax=self.data.naconmax // self.num_worlds,
-        )
+        if flags.any():
+            self.data.overflow.zero_()
+            check_overflow(flags, self.data.njmax, self.data.naconmax // self.num_worlds)
 
     def _begin(
         self,

@@ -141,10 +141,15 @@ def explain(error: BaseException) -> str:
     if isinstance(error, DappoError):
         return text
     if type(error).__name__ == "PhysicsOverflowError":
-        njmax, nconmax = (2 * getattr(error, name) for name in ("njmax", "nconmax"))
-        return f"{text}; for example --set env.njmax={njmax} env.nconmax={nconmax}"
+        sizes: dict[str, int] = getattr(error, "sizes", {})
+        if not sizes:
+            return f"{text}; --device cpu simulates every robot"
+        raised = " ".join(f"env.{name}={2 * size}" for name, size in sizes.items())
+        return f"{text}; give more, for example --set {raised}"
     if isinstance(error, MemoryError) or "Failed to allocate" in text:
         return f"the device has too little memory: {text}; use fewer envs (--envs)"
+    if isinstance(error, FloatingPointError):
+        return f"the training has diverged: {text}; try a smaller ppo.learning_rate"
     if isinstance(error, (NotImplementedError, ValueError)):
         return f"the backend warp cannot go on: {text}; --device cpu simulates every robot"
     return f"{type(error).__name__}: {text}"

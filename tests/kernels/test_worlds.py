@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 wp = pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
+import mujoco_warp as mjw
+
 import dappo_batch
 from dappo_batch import ClassTable
+from dappo_batch.kernels.overflow import PhysicsOverflowError, check_overflow
 from dappo_batch.kernels.task import Task
-from dappo_batch.kernels.worlds import PhysicsOverflowError, Worlds
+from dappo_batch.kernels.worlds import Worlds
 
 COUNT = 6
 KEYS = np.arange(COUNT, dtype=np.uint64) + 40
@@ -116,17 +122,73 @@ def test_damage_in_mid_episode_changes_the_model_and_then_the_code(euler_table: 
             np.testing.assert_array_equal(codes[world], task.codes[number])
 
 
-def test_too_little_room_for_contacts_is_an_error_that_names_the_sizes(euler_table: ClassTable) -> None:
-    worlds = Worlds(Task.of(euler_table), KEYS, njmax=9)
+def lay_down(worlds: Worlds) -> None:
+    """Let every world begin its step with all feet in the floor."""
     worlds.reset()
-    model = euler_table.models[0]
+    model = worlds.task.models[0]
     lying = np.tile(model.qpos0, (COUNT, 1))
     lying[:, 2] = 0.2
     worlds.set_state(lying, np.zeros((COUNT, model.nv)))
     worlds.step(actions(0, worlds.action_dim))
-    with pytest.raises(PhysicsOverflowError, match=r"6 of 6 worlds .*NEFC.* njmax = 9"):
+
+
+@pytest.mark.parametrize(
+    ("size", "room", "cause"),
+    [
+        ("njmax", 9, r"constraints of a world \(NEFC; njmax = 9\)"),
+        ("nconmax", 2, r"pairs of geoms .* \(BROADPHASE; nconmax = 2\)"),
+    ],
+)
+def test_too_little_room_is_an_error_that_names_the_size_to_raise(
+    euler_table: ClassTable, size: str, room: int, cause: str
+) -> None:
+    worlds = Worlds(Task.of(euler_table), KEYS, **{size: room})
+    lay_down(worlds)
+    with pytest.raises(PhysicsOverflowError, match=f"6 of 6 worlds .*{cause}") as caught:
         worlds.check_room()
+    assert caught.value.sizes == {size: room}
     worlds.check_room()
+
+
+def test_a_solver_that_has_used_up_its_iterations_is_no_error(euler_table: ClassTable) -> None:
+    models = tuple(copy.copy(model) for model in euler_table.models)
+    for model in models:
+        model.opt.iterations = model.opt.ls_iterations = 1
+    worlds = Worlds(Task.of(replace(euler_table, models=models)), KEYS)
+    lay_down(worlds)
+    assert (worlds.data.overflow.numpy() & int(mjw.OverflowType.ITERATIONS)).all()
+    worlds.check_room()
+    assert np.isfinite(worlds.obs.numpy()).all()
+    assert not worlds.data.overflow.numpy().any()
+
+
+@pytest.mark.parametrize(
+    ("flag", "size"),
+    [
+        ("NEFC", "njmax"),
+        ("NJMAX_NNZ", "njmax"),
+        ("BROADPHASE", "nconmax"),
+        ("NARROWPHASE", "nconmax"),
+        ("CCD", "nconmax"),
+        ("HFIELD", None),
+        ("EPA_HORIZON", None),
+        ("NVMAX", None),
+    ],
+)
+def test_every_flag_of_left_out_physics_names_its_limit(flag: str, size: str | None) -> None:
+    iterations = mjw.OverflowType.ITERATIONS
+    flags = np.array([0, mjw.OverflowType[flag] | iterations, iterations], dtype=np.int32)
+    with pytest.raises(PhysicsOverflowError, match=rf"^1 of 3 worlds .*\({flag}; ") as caught:
+        check_overflow(flags, njmax=40, nconmax=9)
+    assert caught.value.sizes == ({} if size is None else {size: {"njmax": 40, "nconmax": 9}[size]})
+    assert "ITERATIONS" not in str(caught.value)
+
+
+def test_flags_that_leave_no_physics_out_are_no_error() -> None:
+    flags = mjw.OverflowType
+    check_overflow(
+        np.array([flags.ITERATIONS, flags.LS_ITERATIONS, flags.CONTACT_MATCH | flags.TACTILE]), 40, 9
+    )
 
 
 def test_the_room_by_default_is_enough_for_a_robot_deep_in_the_floor(table: ClassTable) -> None:

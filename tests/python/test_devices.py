@@ -116,7 +116,9 @@ def test_unknown_devices_are_refused_with_the_known_ones(ant_table: ClassTable) 
 class PhysicsOverflowError(RuntimeError):
     """Named as that of the kernels, which cannot be imported without the extra."""
 
-    njmax, nconmax = 40, 9
+    def __init__(self, **sizes: int) -> None:
+        super().__init__("no room")
+        self.sizes = sizes
 
 
 @pytest.mark.parametrize(
@@ -126,7 +128,13 @@ class PhysicsOverflowError(RuntimeError):
             RuntimeError("Failed to allocate 99 bytes on device 'cuda:0'"),
             "the device has too little memory: Failed to allocate 99 bytes on device 'cuda:0'; use fewer",
         ),
-        (PhysicsOverflowError("no room"), "no room; for example --set env.njmax=80 env.nconmax=18"),
+        (PhysicsOverflowError(njmax=40), "no room; give more, for example --set env.njmax=80"),
+        (
+            PhysicsOverflowError(njmax=40, nconmax=9),
+            "no room; give more, for example --set env.njmax=80 env.nconmax=18",
+        ),
+        (PhysicsOverflowError(), "no room; --device cpu simulates every robot"),
+        (FloatingPointError("9 numbers"), "the training has diverged: 9 numbers; try a smaller"),
         (NotImplementedError("no wheels"), "the backend warp cannot go on: no wheels; --device cpu"),
         (RuntimeError("CUDA error 700"), "RuntimeError: CUDA error 700"),
         (ConfigError("told already"), "told already"),
