@@ -23,8 +23,8 @@ pub struct BackendOptions<'a> {
     pub reward: Option<&'a str>,
     /// Number of envs.
     pub num_envs: usize,
-    /// Worker threads; all cores for `None`.
-    pub threads: Option<usize>,
+    /// Threads of the pool that it will compute in.
+    pub threads: usize,
     /// Where and how precisely.
     pub compute: Compute,
     /// Room for contacts on a GPU.
@@ -75,20 +75,19 @@ impl<'py> ClassTable<'py> {
 
     /// The chosen backend over this table.
     pub fn backend(&self, choice: &Choice, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
-        let available = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = options.threads.unwrap_or(available).min(options.num_envs.max(1));
         let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
         if options.compute.device.is_warp() {
             return self.warp_backend(task, options);
         }
         match choice {
-            Choice::Mujoco { .. } => self.mujoco_backend(task, options.num_envs, threads),
+            Choice::Mujoco { .. } => {
+                let threads = options.threads.min(options.num_envs.max(1));
+                self.mujoco_backend(task, options.num_envs, threads)
+            }
             Choice::Lanes(table) => {
                 let BackendOptions { compute: Compute { precision, .. }, num_envs, .. } = options;
                 simd()
-                    .and_then(|simd| {
-                        LanesBackend::new(task, table.clone(), precision, simd, num_envs, threads)
-                    })
+                    .and_then(|simd| LanesBackend::new(task, table.clone(), precision, simd, num_envs))
                     .map(|backend| Box::new(backend) as Box<dyn Backend>)
                     .map_err(|error| from_sim(&error))
             }

@@ -17,6 +17,7 @@ use pyo3::types::PyDict;
 use crate::cli::policy::{self, LoadedPolicy};
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::{TableFactory, to_python};
+use crate::pool::Pool;
 use crate::vector_env::not_contiguous;
 
 /// Where the parts of a controller lie that its policy does not bring along.
@@ -90,10 +91,9 @@ fn last_name(folder: &Path) -> String {
 }
 
 /// The robot of an export with its damage classes, and its configuration.
-pub fn open_export(py: Python<'_>, export: &Export) -> PyResult<(TableFactory, Config)> {
+pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<(TableFactory, Config)> {
     let mut config = export.config().map_err(|error| from_learn(&error))?;
-    // Threads that wait for each other would cost a small fleet more time than they save.
-    config.env.threads = Some(1);
+    config.env.threads = Some(threads);
     let factory = TableFactory::compile(py, &config)?;
     let found: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
     if found != export.header().class_names() {
@@ -119,13 +119,14 @@ pub fn settings(trigger: &str, assignments: &[String]) -> dappo_learn::Result<Co
 #[pyclass(name = "Controller", module = "dappo_batch._core")]
 pub struct PyController {
     controller: Controller,
+    pool: Pool,
     obs_dim: usize,
     action_dim: usize,
 }
 
 impl PyController {
-    fn wrap(controller: Controller) -> Self {
-        Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller }
+    fn wrap(controller: Controller, pool: Pool) -> Self {
+        Self { obs_dim: controller.obs_dim(), action_dim: controller.action_dim(), controller, pool }
     }
 }
 
@@ -133,7 +134,9 @@ impl PyController {
 #[pymethods]
 impl PyController {
     #[new]
-    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new()))]
+    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new(),
+                        threads=1))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         py: Python<'_>,
         run: PathBuf,
@@ -142,28 +145,30 @@ impl PyController {
         num_robots: usize,
         trigger: &str,
         settings: Vec<String>,
+        threads: usize,
     ) -> PyResult<Self> {
         let wanted = self::settings(trigger, &settings).map_err(|error| from_learn(&error))?;
         let (folder, mut config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
-        // Threads that wait for each other would cost a small fleet more time than they save.
-        config.env.threads = Some(1);
+        config.env.threads = Some(threads);
+        let pool = Pool::new(config.env.threads)?;
         let factory = TableFactory::compile(py, &config)?;
         let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
-        let controller = py.detach(|| parts.assemble(&folder, &config, &factory, wanted, num_robots));
-        Ok(Self::wrap(controller.map_err(|error| from_learn(&error))?))
+        let controller = pool.run(py, || parts.assemble(&folder, &config, &factory, wanted, num_robots))?;
+        Ok(Self::wrap(controller, pool))
     }
 
     /// A controller from an export folder alone.
     #[staticmethod]
-    #[pyo3(signature = (folder, *, num_robots=1))]
-    fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize) -> PyResult<Self> {
+    #[pyo3(signature = (folder, *, num_robots=1, threads=1))]
+    fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize, threads: usize) -> PyResult<Self> {
+        let pool = Pool::new(Some(threads))?;
         let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
-        let (factory, config) = open_export(py, &export)?;
-        let controller = py.detach(|| {
+        let (factory, config) = open_export(py, &export, threads)?;
+        let controller = pool.run(py, || {
             let twins = factory.backend(num_robots, None, config.evaluation.compute())?;
             Controller::new(export.skills()?, export.header().controller.clone(), twins)
-        });
-        Ok(Self::wrap(controller.map_err(|error| from_learn(&error))?))
+        })?;
+        Ok(Self::wrap(controller, pool))
     }
 
     /// Number of robots.
@@ -217,15 +222,16 @@ impl PyController {
         }
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let velocities = forward_velocity.as_slice().map_err(not_contiguous)?;
-        let actions =
-            py.detach(|| self.controller.act(rows, velocities)).map_err(|error| from_learn(&error))?;
+        let Self { controller, pool, .. } = self;
+        let actions = pool.run(py, || controller.act(rows, velocities))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
     }
 
     /// Begins anew with the robots of a mask, all for `None`.
     #[pyo3(signature = (mask=None))]
-    fn reset(&mut self, mask: Option<Vec<bool>>) -> PyResult<()> {
-        self.controller.reset(mask.as_deref()).map_err(|error| from_learn(&error))
+    fn reset(&mut self, py: Python<'_>, mask: Option<Vec<bool>>) -> PyResult<()> {
+        let Self { controller, pool, .. } = self;
+        pool.run(py, || controller.reset(mask.as_deref()))
     }
 
     /// Hands over what has happened since the last call, as dicts.

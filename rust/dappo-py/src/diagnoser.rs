@@ -14,6 +14,7 @@ use pyo3::prelude::*;
 use crate::cli::policy;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 use crate::vector_env::not_contiguous;
 
 /// A trained diagnoser, and what simulates the healthy twins that it compares robots with.
@@ -23,6 +24,7 @@ pub struct PyDiagnoser {
     expert: Expert,
     factory: TableFactory,
     config: Config,
+    pool: Pool,
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
@@ -30,13 +32,17 @@ pub struct PyDiagnoser {
 impl PyDiagnoser {
     /// Reads a diagnoser, and the expert that its twins follow.
     #[staticmethod]
-    fn load(py: Python<'_>, folder: PathBuf, expert: PathBuf) -> PyResult<Self> {
+    #[pyo3(signature = (folder, expert, *, threads=None))]
+    fn load(py: Python<'_>, folder: PathBuf, expert: PathBuf, threads: Option<usize>) -> PyResult<Self> {
+        let pool = Pool::new(threads)?;
         let (training, _) = TrainingFolder::open(&folder).map_err(|error| from_learn(&error))?;
-        let diagnoser = Diagnoser::load(&training.model()).map_err(|error| from_learn(&error))?;
-        let (run, config) = RunFolder::open(&expert).map_err(|error| from_learn(&error))?;
+        let diagnoser = pool.run(py, || Diagnoser::load(&training.model()))?;
+        let (run, mut config) = RunFolder::open(&expert).map_err(|error| from_learn(&error))?;
+        // Threads are a matter of this machine, not of the one that trained.
+        config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;
-        let actor = py.detach(|| Actor::of(&policy::load(&run, &config, &factory)?.ppo));
-        let expert = Expert::new(actor.map_err(|error| from_learn(&error))?);
+        let actor = pool.run(py, || Actor::of(&policy::load(&run, &config, &factory)?.ppo))?;
+        let expert = Expert::new(actor);
         let description = diagnoser.description();
         let (knows, classes) = (description.subject.classes(), factory.space().classes().len());
         if (description.obs_dim, knows) != (expert.obs_dim(), classes) {
@@ -50,7 +56,7 @@ impl PyDiagnoser {
                 ),
             ));
         }
-        Ok(Self { diagnoser, expert, factory, config })
+        Ok(Self { diagnoser, expert, factory, config, pool })
     }
 
     /// Length of an observation, without damage code.
@@ -98,9 +104,10 @@ impl PyDiagnoser {
         actions: PyReadonlyArray3<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let windows = self.windows(py, &obs, &actions)?;
-        let rows = windows.iter().map(|window| self.diagnoser.probabilities_of(window));
-        let rows: Vec<f32> =
-            rows.collect::<dappo_learn::Result<Vec<_>>>().map_err(|error| from_learn(&error))?.concat();
+        let rows = self.pool.run(py, || -> dappo_learn::Result<_> {
+            let rows = windows.iter().map(|window| self.diagnoser.probabilities_of(window));
+            Ok(rows.collect::<dappo_learn::Result<Vec<_>>>()?.concat())
+        })?;
         PyArray1::from_vec(py, rows).reshape([windows.len(), self.diagnoser.description().subject.classes()])
     }
 }
@@ -123,11 +130,10 @@ impl PyDiagnoser {
             actions: actions.as_slice().map_err(not_contiguous)?,
         };
         let led = self.diagnoser.description().twin;
-        py.detach(|| {
+        self.pool.run(py, || {
             let twins = self.factory.backend(robots, None, self.config.evaluation.compute())?;
             trajectories.windows(led, &self.expert, twins)
         })
-        .map_err(|error| from_learn(&error))
     }
 }
 

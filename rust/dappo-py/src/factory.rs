@@ -9,6 +9,7 @@ use dappo_learn::{Compute, Simulator};
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;
 use dappo_sim::terms::Task;
+use dappo_sim::threads::available;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Device, Layout, Robot, SimError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -25,7 +26,8 @@ pub struct TableFactory {
     layout: Layout,
     /// Integrator of the compiled models, as MuJoCo names it.
     integrator: String,
-    threads: Option<usize>,
+    /// Threads of the pool that the backends will compute in.
+    threads: usize,
     room: Room,
     /// The backend on the CPU.
     choice: Choice,
@@ -59,7 +61,7 @@ impl TableFactory {
             layout: table.layout,
             table: object.unbind(),
             integrator,
-            threads: config.env.threads,
+            threads: config.env.threads.unwrap_or_else(available),
             room: Room { njmax: config.env.njmax, nconmax: config.env.nconmax },
         })
     }

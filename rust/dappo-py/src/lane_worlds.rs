@@ -13,7 +13,8 @@ use crate::vector_env::not_contiguous;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Forces<'py> = Bound<'py, PyArray3<f64>>;
 
-/// N worlds of the lane engine, one in each lane, without episodes, observations or rewards.
+/// N worlds of the lane engine, one in each lane, without episodes, observations or rewards. They compute in the thread
+/// that calls.
 #[pyclass(name = "LaneWorlds", module = "dappo_batch._core")]
 pub struct PyLaneWorlds {
     groups: Vec<Box<dyn Group>>,
@@ -158,7 +159,7 @@ impl PyLaneWorlds {
         ctrl: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<(Matrix<'py>, Forces<'py>, Matrix<'py>)> {
         self.place(&qpos, &qvel, &ctrl)?;
-        self.groups().for_each(|(group, lanes)| group.forward(lanes));
+        py.detach(|| self.groups().for_each(|(group, lanes)| group.forward(lanes)));
         let nv = self.sizes.nv;
         let qacc = PyArray2::zeros(py, [self.count, nv], false);
         {
@@ -182,7 +183,7 @@ impl PyLaneWorlds {
         substeps: usize,
     ) -> PyResult<(Matrix<'py>, Matrix<'py>, Forces<'py>, Matrix<'py>)> {
         self.place(&qpos, &qvel, &ctrl)?;
-        self.groups().for_each(|(group, lanes)| group.step(lanes, substeps));
+        py.detach(|| self.groups().for_each(|(group, lanes)| group.step(lanes, substeps)));
         self.read(py)
     }
 }

@@ -12,6 +12,7 @@ mod factory;
 mod lane_worlds;
 mod model_reader;
 mod policy;
+mod pool;
 mod rollout;
 mod vector_env;
 mod warp;

@@ -13,12 +13,14 @@ use pyo3::prelude::*;
 use crate::cli::policy;
 use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 use crate::vector_env::not_contiguous;
 
 /// A trained policy without exploration noise.
 #[pyclass(name = "Policy", module = "dappo_batch._core")]
 pub struct PyPolicy {
     ppo: Ppo,
+    pool: Pool,
     space: DamageSpace,
     /// Damage codes of all classes, `[classes, code_length]`; empty rows for a policy that observes no damage.
     codes: Vec<f32>,
@@ -33,12 +35,12 @@ pub struct PyPolicy {
 impl PyPolicy {
     /// Reads the policy in the newest checkpoint of a run.
     #[staticmethod]
-    fn load(py: Python<'_>, run: PathBuf) -> PyResult<Self> {
-        let (folder, mut config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
-        config.env.threads = Some(1);
+    #[pyo3(signature = (run, *, threads=None))]
+    fn load(py: Python<'_>, run: PathBuf, threads: Option<usize>) -> PyResult<Self> {
+        let pool = Pool::new(threads)?;
+        let (folder, config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
         let factory = TableFactory::compile(py, &config)?;
-        let loaded =
-            py.detach(|| policy::load(&folder, &config, &factory)).map_err(|error| from_learn(&error))?;
+        let loaded = pool.run(py, || policy::load(&folder, &config, &factory))?;
         let code_length = loaded.ppo.normalizer().code_length();
         let space = factory.space().clone();
         Ok(Self {
@@ -49,6 +51,7 @@ impl PyPolicy {
             action_dim: loaded.ppo.actor_critic().action_dim(),
             env_steps: loaded.env_steps,
             ppo: loaded.ppo,
+            pool,
         })
     }
 
@@ -109,7 +112,7 @@ impl PyPolicy {
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let classes = damage_classes.as_slice().map_err(not_contiguous)?;
         let told = self.tell(rows, classes)?;
-        let actions = py.detach(|| self.ppo.mean_actions(&told)).map_err(|error| from_learn(&error))?;
+        let actions = self.pool.run(py, || self.ppo.mean_actions(&told))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
     }
 }

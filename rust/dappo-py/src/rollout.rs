@@ -10,8 +10,9 @@ use pyo3::types::PyDict;
 
 use crate::cli::args::ConfigArgs;
 use crate::cli::settings;
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::errors::{Kind, from_sim, raise};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 #[derive(Debug, Parser)]
 #[command(name = "collect_rollout")]
@@ -27,8 +28,9 @@ pub fn collect_rollout(py: Python<'_>, arguments: Vec<String>) -> PyResult<Bound
         .map_err(|error| raise(Kind::Config, error.to_string()))?;
     let mut config = settings::resolve(py, &arguments.config)?;
     config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
+    let pool = Pool::new(config.env.threads)?;
     let factory = TableFactory::compile(py, &config)?;
-    let collected = py.detach(|| {
+    let (start, rollout) = pool.run(py, || -> dappo_learn::Result<_> {
         let Sizes { obs_dim, code_length, action_dim } = factory.sizes(&config)?;
         let device = dappo_learn::cpu();
         let ppo = Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?;
@@ -36,8 +38,7 @@ pub fn collect_rollout(py: Python<'_>, arguments: Vec<String>) -> PyResult<Bound
         let start = engine.snapshot()?;
         let rollout = engine.collect(&ppo, &mut EpisodeTracker::new(config.env.num_envs), 0)?;
         Ok((start, rollout))
-    });
-    let (start, rollout) = collected.map_err(|error| from_learn(&error))?;
+    })?;
     let (steps, envs) = (rollout.horizon, rollout.num_envs);
     let arrays = PyDict::new(py);
     let episodes: Vec<u64> = start.episodes.iter().flatten().copied().collect();

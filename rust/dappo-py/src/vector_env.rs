@@ -3,6 +3,7 @@
 use dappo_learn::Compute;
 use dappo_sim::backend::{BackendKind, Device, Precision};
 use dappo_sim::curriculum::ClassDistribution;
+use dappo_sim::threads::available;
 use dappo_sim::vector_env::{Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
 use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{
@@ -12,12 +13,19 @@ use pyo3::prelude::*;
 
 use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, from_sim, raise};
+use crate::pool::Pool;
 use crate::warp::{self, Room};
+
+/// A vector env and the threads that step it.
+struct Running {
+    env: VectorEnv,
+    pool: Pool,
+}
 
 /// N damage-randomised episodes; `dappo_batch.envs` gives them Gymnasium's face.
 #[pyclass(name = "VectorEnv", module = "dappo_batch._core")]
 pub struct PyVectorEnv {
-    env: Option<VectorEnv>,
+    running: Option<Running>,
     /// The buffers of a closed env, which numpy views may still show.
     kept: Option<Buffers>,
     num_envs: usize,
@@ -29,11 +37,15 @@ pub struct PyVectorEnv {
 
 impl PyVectorEnv {
     fn env(&self) -> PyResult<&VectorEnv> {
-        self.env.as_ref().ok_or_else(closed)
+        Ok(&self.running()?.env)
     }
 
-    fn env_mut(&mut self) -> PyResult<&mut VectorEnv> {
-        self.env.as_mut().ok_or_else(closed)
+    fn running(&self) -> PyResult<&Running> {
+        self.running.as_ref().ok_or_else(closed)
+    }
+
+    fn running_mut(&mut self) -> PyResult<&mut Running> {
+        self.running.as_mut().ok_or_else(closed)
     }
 }
 
@@ -137,11 +149,15 @@ impl PyVectorEnv {
         };
         let choice = table.choose(kind)?;
         let compute = Compute { device, precision };
+        // More threads than envs would have nothing to do, and a GPU is led by one.
+        let most = if device.is_warp() { 1 } else { num_envs.max(1) };
+        let pool = Pool::new(Some(threads.unwrap_or_else(available).min(most)))?;
+        let threads = pool.num_threads();
         let options = BackendOptions { reward, num_envs, threads, compute, room: Room::default() };
         let backend = table.backend(&choice, options)?;
         let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
         Ok(Self {
-            env: Some(env),
+            running: Some(Running { env, pool }),
             kept: None,
             num_envs,
             nq: table.layout.nq,
@@ -172,7 +188,7 @@ impl PyVectorEnv {
     /// Number of worker threads.
     #[getter]
     fn num_threads(&self) -> PyResult<usize> {
-        Ok(self.env()?.backend().num_threads())
+        Ok(self.running()?.pool.num_threads())
     }
 
     /// Name of the backend.
@@ -219,13 +235,13 @@ impl PyVectorEnv {
         let mask = mask.as_ref().map(|mask| mask.as_slice().map_err(not_contiguous)).transpose()?;
         let (classes, onsets) = (optional(classes)?, optional(onsets)?);
         let options = ResetOptions { keys, mask, classes: classes.as_deref(), onsets: onsets.as_deref() };
-        let env = self.env_mut()?;
-        py.detach(|| env.reset(options)).map_err(|error| from_sim(&error))
+        let Running { env, pool } = self.running_mut()?;
+        pool.run(py, || env.reset(options))
     }
 
     /// Advances every env by one step.
     fn step(&mut self, py: Python<'_>, actions: PyReadonlyArray2<'_, f32>) -> PyResult<()> {
-        let env = self.env_mut()?;
+        let Running { env, pool } = self.running_mut()?;
         let (rows, columns) = (actions.shape()[0], actions.shape()[1]);
         if (rows, columns) != (env.num_envs(), env.action_dim()) {
             return Err(raise(
@@ -238,7 +254,7 @@ impl PyVectorEnv {
             ));
         }
         let actions = actions.as_slice().map_err(not_contiguous)?;
-        py.detach(|| env.step(actions)).map_err(|error| from_sim(&error))
+        pool.run(py, || env.step(actions))
     }
 
     /// Positions `[N, nq]` and velocities `[N, nv]` of all envs.
@@ -249,7 +265,8 @@ impl PyVectorEnv {
             let (mut positions, mut velocities) = (qpos.readwrite(), qvel.readwrite());
             let positions = positions.as_slice_mut().map_err(not_contiguous)?;
             let velocities = velocities.as_slice_mut().map_err(not_contiguous)?;
-            self.env()?.state(positions, velocities).map_err(|error| from_sim(&error))?;
+            let Running { env, pool } = self.running()?;
+            pool.run(py, || env.state(positions, velocities))?;
         }
         Ok((qpos, qvel))
     }
@@ -257,18 +274,20 @@ impl PyVectorEnv {
     /// Puts every env into a given state and refreshes the observations.
     fn set_state(
         &mut self,
+        py: Python<'_>,
         qpos: PyReadonlyArray2<'_, f64>,
         qvel: PyReadonlyArray2<'_, f64>,
     ) -> PyResult<()> {
         let positions = qpos.as_slice().map_err(not_contiguous)?;
         let velocities = qvel.as_slice().map_err(not_contiguous)?;
-        self.env_mut()?.set_state(positions, velocities).map_err(|error| from_sim(&error))
+        let Running { env, pool } = self.running_mut()?;
+        pool.run(py, || env.set_state(positions, velocities))
     }
 
-    /// Frees the env; every later call raises `SimulationError`.
+    /// Frees the env and its threads; every later call raises `SimulationError`.
     fn close(&mut self) {
-        if let Some(env) = self.env.take() {
-            self.kept = Some(env.into_buffers());
+        if let Some(running) = self.running.take() {
+            self.kept = Some(running.env.into_buffers());
         }
     }
 

@@ -19,10 +19,12 @@ mod error;
 pub mod rng;
 pub mod robot;
 pub mod terms;
+pub mod threads;
 pub mod vector_env;
 
 pub use backend::{Backend, BackendKind, Device, Layout, Precision, Reset, StepOutputs};
 pub use damage::{Damage, DamageClass, DamageSpace};
 pub use error::SimError;
 pub use robot::Robot;
+pub use threads::ThreadPool;
 pub use vector_env::{Autoreset, VectorEnv, VectorEnvConfig};

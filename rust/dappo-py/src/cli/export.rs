@@ -15,6 +15,7 @@ use super::console;
 use crate::controller;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 /// What Python knows about the robot.
 struct RobotFiles {
@@ -30,15 +31,16 @@ pub fn run(py: Python<'_>, arguments: &ExportArgs) -> PyResult<i32> {
     let (folder, config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
     let factory = TableFactory::compile(py, &config)?;
     let files = RobotFiles::read(py, &factory)?;
-    let staged = py.detach(|| {
+    // There is nothing here for a second one to do.
+    let pool = Pool::new(Some(1))?;
+    let staged = pool.run(py, || {
         let parts = arguments.controller.parts();
         let (skills, sources) = parts.load(&folder, &config, &factory)?;
         stage(&arguments.out, &skills, sources, &wanted, (&config, &factory), files)
-    });
-    let staged = staged.map_err(|error| from_learn(&error))?;
+    })?;
     let export = Export::open(staged.folder()).map_err(|error| from_learn(&error))?;
     // The copy must do without anything that lies beside the original.
-    controller::open_export(py, &export).map_err(|error| {
+    controller::open_export(py, &export, 1).map_err(|error| {
         raise(
             Kind::Config,
             format!("the robot cannot be copied, its MJCF must not need other files: {}", error.value(py)),

@@ -16,6 +16,7 @@ use super::{Caller, INTERRUPTED, policy, settings};
 use crate::controller::Parts;
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<i32> {
     film::check(py, &arguments.out)?;
@@ -41,6 +42,7 @@ fn film_walk(
 ) -> PyResult<i32> {
     let (folder, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
     settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
+    let pool = Pool::new(arguments.simulation.threads())?;
     config.env.max_episode_steps = Some(arguments.steps as usize);
     let factory = TableFactory::compile(py, &config)?;
     let trial = Trial {
@@ -51,8 +53,8 @@ fn film_walk(
         filmed: true,
     };
     let interrupted = caller.watch()?;
-    let walked = py.detach(|| walk(arguments, &folder, &config, &factory, &trial, &interrupted));
-    let Some((walks, walker)) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    let walked = pool.run(py, || walk(arguments, &folder, &config, &factory, &trial, &interrupted))?;
+    let Some((walks, walker)) = walked else { return Ok(INTERRUPTED) };
     if let Some(walk) = walks.episodes.first() {
         show(&Film { walk, onset: trial.onset, walker, factory: &factory })?;
     }

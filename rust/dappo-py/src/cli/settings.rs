@@ -89,7 +89,7 @@ pub fn training_device(config: &Config) -> Result<Device, SimError> {
 /// Lays flags over the settings of an earlier run.
 pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
     // Threads are a matter of this machine, not of the one that trained.
-    config.env.threads = arguments.threads.map(|threads| threads as usize);
+    config.env.threads = arguments.threads();
     if let Some(backend) = &arguments.backend {
         config.env.backend = BackendKind::parse(backend)?;
     }

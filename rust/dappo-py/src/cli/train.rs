@@ -19,6 +19,7 @@ use super::progress::Display;
 use super::{Caller, INTERRUPTED, console, settings};
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 use crate::warp;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Caller) -> PyResult<i32> {
@@ -32,13 +33,14 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Call
     config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
     config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
     config.ppo.device.open().map_err(|error| from_learn(&error))?;
+    let pool = Pool::new(config.env.threads)?;
     let factory = TableFactory::compile(py, &config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
     let resume = resumed.is_some();
     let run = match resumed {
         Some(run) => run,
-        None => create(py, arguments, &config, &factory, argv)?,
+        None => create(py, arguments, &config, &factory, argv, pool.num_threads())?,
     };
     if !arguments.json {
         console::note(&describe(&config, &factory, &run));
@@ -48,9 +50,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Call
     let interrupted = caller.watch()?;
     let objects = arguments.json.then_some(caller);
     let mut display = Display::new(&config, objects, Arc::clone(&interrupted));
-    let outcome = py.detach(|| train(&config, &factory, &run, resume, &mut display));
+    let outcome = pool.run(py, || train(&config, &factory, &run, resume, &mut display));
     display.finish();
-    let outcome = outcome.map_err(|error| from_learn(&error))?;
+    let outcome = outcome?;
     if outcome.interrupted {
         console::note(&format!(
             "interrupted and saved at {} env steps; go on with: dappo-batch train --resume {}",
@@ -59,9 +61,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Call
         ));
         return Ok(INTERRUPTED);
     }
-    let evaluation =
-        py.detach(|| evaluate_and_save(&outcome.ppo, &config, Encoding::True, &factory, &run, &interrupted));
-    let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else {
+    let evaluation = pool
+        .run(py, || evaluate_and_save(&outcome.ppo, &config, Encoding::True, &factory, &run, &interrupted))?;
+    let Some(evaluation) = evaluation else {
         let root = run.root().display();
         console::note(&format!(
             "interrupted after the training; evaluate it with: dappo-batch evaluate {root}"
@@ -98,6 +100,7 @@ fn create(
     config: &Config,
     factory: &TableFactory,
     argv: &[String],
+    threads: usize,
 ) -> PyResult<LockedRun> {
     // A run that could not begin, or could not enter a later stage, leaves no folder behind.
     check_names(config, factory).map_err(|error| from_sim(&error))?;
@@ -112,10 +115,7 @@ fn create(
         mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
         simulator: factory.simulator(config.env.compute()),
         reward: factory.reward_name(config),
-        threads: config
-            .env
-            .threads
-            .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        threads,
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
         command: std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()).collect(),
     };

@@ -80,10 +80,6 @@ impl Backend for WarpBackend {
         self.classes.len()
     }
 
-    fn num_threads(&self) -> usize {
-        1
-    }
-
     fn num_classes(&self) -> usize {
         self.num_classes
     }

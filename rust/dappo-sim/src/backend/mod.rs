@@ -92,7 +92,7 @@ pub struct StepOutputs<'a> {
     pub diverged: &'a mut [bool],
 }
 
-/// The physics of N envs.
+/// The physics of N envs, computed in the [thread pool](crate::ThreadPool) that it is called in.
 pub trait Backend: Send + Sync {
     /// Name used in configs, results and error messages.
     fn name(&self) -> &'static str;
@@ -102,9 +102,6 @@ pub trait Backend: Send + Sync {
 
     /// Number of envs.
     fn num_envs(&self) -> usize;
-
-    /// Number of worker threads.
-    fn num_threads(&self) -> usize;
 
     /// Number of damage classes in the class table.
     fn num_classes(&self) -> usize;
@@ -209,15 +206,10 @@ fn out_of_bounds(values: &[f64]) -> bool {
     values.iter().any(|value| value.is_nan() || value.abs() > MAX_VALUE)
 }
 
-/// The threads of a backend.
-fn thread_pool(num_envs: usize, threads: usize) -> Result<rayon::ThreadPool, SimError> {
-    if num_envs == 0 || threads == 0 {
-        return Err(SimError::Config(format!(
-            "a backend needs at least one env and one thread, got {num_envs} envs and {threads} threads"
-        )));
+/// Refuses a backend without envs.
+fn check_envs(num_envs: usize) -> Result<(), SimError> {
+    if num_envs > 0 {
+        return Ok(());
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|error| SimError::Threads { threads, reason: error.to_string() })
+    Err(SimError::Config("a backend needs at least one env, got 0".into()))
 }

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
+use dappo_sim::ThreadPool;
 use serde::{Deserialize, Serialize};
 
 use super::train::{EpochMetrics, EpochProgress, Observer, train};
@@ -65,8 +66,8 @@ pub struct SweepData<'a> {
     pub test: &'a dyn PairSource,
 }
 
-/// Trains and tests the cells that `folder` does not hold yet, `jobs` at a time with a thread each, or one with all
-/// threads. `None` if it was stopped.
+/// Trains and tests the cells that `folder` does not hold yet, `jobs` at a time with a thread each. `None` if it was
+/// stopped.
 pub fn sweep(
     grid: &Grid,
     base: &DiagnoserConfig,
@@ -103,16 +104,15 @@ pub fn sweep(
             *results[index].lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(result);
         }
     };
-    if jobs <= 1 {
-        work();
-    } else {
-        let pools: Vec<rayon::ThreadPool> = (0..jobs).map(|_| one_thread()).collect::<Result<_>>()?;
-        std::thread::scope(|scope| {
-            for pool in &pools {
-                scope.spawn(|| pool.install(work));
-            }
-        });
-    }
+    let pools: Vec<ThreadPool> =
+        (0..jobs.max(1)).map(|_| ThreadPool::new(Some(1))).collect::<std::result::Result<_, _>>()?;
+    std::thread::scope(|scope| -> Result<()> {
+        let waiting: Vec<_> = pools.iter().map(|pool| scope.spawn(|| pool.install(work))).collect();
+        for waits in waiting {
+            waits.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+        }
+        Ok(())
+    })?;
     let results = results
         .into_iter()
         .map(|result| result.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).transpose());
@@ -120,13 +120,6 @@ pub fn sweep(
     let (errors, finished): (Vec<_>, Vec<_>) = results.partition(std::result::Result::is_err);
     errors.into_iter().next().unwrap_or(Ok(None))?;
     Ok(finished.into_iter().map(std::result::Result::ok).map(Option::flatten).collect())
-}
-
-fn one_thread() -> Result<rayon::ThreadPool> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
-        .build()
-        .map_err(|error| LearnError::Invalid(format!("cannot start a thread: {error}")))
 }
 
 /// Trains and tests one cell, or reads what an earlier command found; `None` if it was stopped.

@@ -19,6 +19,7 @@ use super::film::{self, Film, Walker};
 use super::{Caller, INTERRUPTED, policy, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 /// A robot, and what its controller believes about it.
 struct Scene {
@@ -37,11 +38,12 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
     if let Some(path) = &arguments.video {
         film::check(py, path)?;
     }
+    let pool = Pool::new(arguments.simulation.threads())?;
     let scene = Scene::open(py, arguments)?;
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
     let interrupted = caller.watch()?;
-    let walked = py.detach(|| scene.walk(arguments, wanted, &trial, &interrupted));
-    let Some(contest) = walked.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    let walked = pool.run(py, || scene.walk(arguments, wanted, &trial, &interrupted))?;
+    let Some(contest) = walked else { return Ok(INTERRUPTED) };
     let summary = scene.conclude(arguments, &trial, &contest).map_err(|error| from_learn(&error))?;
     if arguments.json {
         let events: Vec<_> = if arguments.all_classes {

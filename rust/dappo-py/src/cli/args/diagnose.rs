@@ -189,7 +189,8 @@ pub struct SweepArgs {
     /// Any other setting of the trainings, for example dropout=0.2
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
     pub set: Vec<String>,
-    /// Cells trained side by side, each on one thread [default: the number of cores]
+    /// Cells trained side by side, each on one thread, and worker threads of what comes before them
+    /// [default: the number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub jobs: Option<i64>,
 }

@@ -160,6 +160,13 @@ pub struct SimulationArgs {
     pub threads: Option<i64>,
 }
 
+impl SimulationArgs {
+    /// Worker threads; all cores for `None`.
+    pub fn threads(&self) -> Option<usize> {
+        self.threads.map(|threads| threads as usize)
+    }
+}
+
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {

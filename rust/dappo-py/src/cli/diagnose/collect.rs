@@ -21,27 +21,27 @@ use crate::cli::policy::{self, LoadedPolicy};
 use crate::cli::{Caller, INTERRUPTED, console, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
     let (folder, mut config) = RunFolder::open(&arguments.expert).map_err(|error| from_learn(&error))?;
     settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
     let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
+    let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
-    let pilots = py.detach(|| -> Result<_> {
+    let (expert, walker) = pool.run(py, || -> Result<_> {
         let expert = pilot(&folder, &config, &factory)?;
         let walker = arguments.walker.as_deref().map(|run| open_walker(run, &factory)).transpose()?;
         Ok((expert, walker))
-    });
-    let (expert, walker) = pilots.map_err(|error| from_learn(&error))?;
+    })?;
     if !arguments.json {
         console::note(&describe(arguments, &wanted, &factory));
     }
     let mut display = Display::new(arguments, &wanted, &factory, caller.watch()?);
     let start = Instant::now();
-    let collected = py
-        .detach(|| collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display))
-        .inspect_err(|_| display.bar.finish_and_clear())
-        .map_err(|error| from_learn(&error))?;
+    let collected = pool
+        .run(py, || collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display))
+        .inspect_err(|_| display.bar.finish_and_clear())?;
     display.bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
     let (out, rollouts) = (arguments.out.display(), collected.rollouts);

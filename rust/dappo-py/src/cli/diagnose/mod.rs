@@ -30,11 +30,3 @@ fn settings(mut layers: Layers, set: &[String]) -> dappo_learn::Result<Diagnoser
     config.check()?;
     Ok(config)
 }
-
-/// Runs `work` with this many threads, all cores for `None`.
-fn with_threads<T: Send>(threads: Option<i64>, work: impl FnOnce() -> T + Send) -> dappo_learn::Result<T> {
-    let Some(threads) = threads else { return Ok(work()) };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
-    let failed = |error| dappo_learn::LearnError::Invalid(format!("cannot start {threads} threads: {error}"));
-    Ok(pool.map_err(failed)?.install(work))
-}

@@ -10,6 +10,7 @@ use dappo_learn::diagnose::Method;
 use dappo_learn::diagnose::dataset::Dataset;
 use dappo_learn::diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
 use dappo_learn::run_folder::RunFolder;
+use dappo_sim::threads::available;
 use pyo3::prelude::*;
 
 use super::settings;
@@ -24,14 +25,17 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     let grid = grid(arguments).map_err(|error| from_learn(&error))?;
     let base = settings(Layers::default(), &arguments.set).map_err(|error| from_learn(&error))?;
     let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
+    // Each part of the sweep keeps as many threads busy as the cells do.
+    let jobs = arguments.jobs.unwrap_or_else(|| available() as i64);
     let mut commands = Vec::new();
     let expert = arguments.expert.clone().unwrap_or_else(|| arguments.out.join("expert"));
     if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps as u64) {
-        commands.push(expert_command(arguments, &expert));
+        commands.push(expert_command(arguments, &expert, jobs));
     }
     let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
     let collect = |rollouts: String, seed: &str, out: &Path| {
         let (expert, out, steps) = (text(&expert), text(out), most(&grid.timesteps));
+        let threads = jobs.to_string();
         [
             "diagnose",
             "collect",
@@ -44,6 +48,8 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
             seed,
             "--out",
             &out,
+            "--threads",
+            &threads,
         ]
         .map(ToOwned::to_owned)
         .to_vec()
@@ -60,11 +66,10 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     let (pairs, test) = (open(&pairs)?, open(&test)?);
     let subject = &pairs.header().subject;
     let watcher = Watcher { interrupted: caller.watch()? };
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let jobs = arguments.jobs.map_or(cores, |jobs| jobs as usize);
     let data = SweepData { subject, pairs: &pairs, test: &test };
     let results = py.detach(|| -> Result<Option<Table>> {
-        let Some(results) = sweep(&grid, &base, data, &arguments.out.join("cells"), jobs, &watcher)? else {
+        let cells = arguments.out.join("cells");
+        let Some(results) = sweep(&grid, &base, data, &cells, jobs as usize, &watcher)? else {
             return Ok(None);
         };
         let table = Table::new(&subject.robot, &grid, &results);
@@ -100,7 +105,7 @@ fn is_trained(run: &Path, steps: u64) -> bool {
 }
 
 /// Trains the expert, or goes on with it.
-fn expert_command(arguments: &SweepArgs, expert: &Path) -> Vec<String> {
+fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: i64) -> Vec<String> {
     let (expert_text, steps) = (text(expert), arguments.expert_steps.to_string());
     let mut command = vec!["train".to_owned()];
     if expert.join("config.toml").exists() {
@@ -111,7 +116,7 @@ fn expert_command(arguments: &SweepArgs, expert: &Path) -> Vec<String> {
             command.extend(["--robot".into(), robot.clone()]);
         }
     }
-    command.extend(["--steps".into(), steps]);
+    command.extend(["--steps".into(), steps, "--threads".into(), jobs.to_string()]);
     command
 }
 

@@ -12,11 +12,11 @@ use dappo_learn::{LearnError, Ppo, Result};
 use pyo3::prelude::*;
 use serde_json::json;
 
-use super::with_threads;
 use crate::cli::args::TestDiagnoserArgs;
 use crate::cli::{Caller, INTERRUPTED, console, policy};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 /// A diagnoser on a dataset.
 struct Tested {
@@ -28,13 +28,12 @@ struct Tested {
 }
 
 pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
-    let follower = arguments.policy.as_deref().map(|run| Follower::open(py, run, arguments)).transpose()?;
+    let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
+    let follower =
+        arguments.policy.as_deref().map(|run| Follower::open(py, &pool, run, arguments)).transpose()?;
     let interrupted = caller.watch()?;
-    let tested = py.detach(|| {
-        with_threads(arguments.threads, || test_all(arguments, follower.as_ref(), &interrupted))
-            .and_then(|tested| tested)
-    });
-    let Some(tested) = tested.map_err(|error| from_learn(&error))? else { return Ok(INTERRUPTED) };
+    let tested = pool.run(py, || test_all(arguments, follower.as_ref(), &interrupted))?;
+    let Some(tested) = tested else { return Ok(INTERRUPTED) };
     if arguments.json {
         let objects: Vec<_> = tested
             .iter()
@@ -124,14 +123,14 @@ struct Follower {
 }
 
 impl Follower {
-    fn open(py: Python<'_>, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
+    fn open(py: Python<'_>, pool: &Pool, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
         let (folder, mut config) = RunFolder::open(run).map_err(|error| from_learn(&error))?;
-        config.env.threads = arguments.threads.map(|threads| threads as usize);
+        config.env.threads = Some(pool.num_threads());
         config.evaluation.episodes =
             arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
         let factory = TableFactory::compile(py, &config)?;
-        let loaded = py.detach(|| policy::load(&folder, &config, &factory));
-        Ok(Self { ppo: loaded.map_err(|error| from_learn(&error))?.ppo, config, factory })
+        let loaded = pool.run(py, || policy::load(&folder, &config, &factory))?;
+        Ok(Self { ppo: loaded.ppo, config, factory })
     }
 
     fn cost(&self, report: &Report, stop: &dyn Fn() -> bool) -> Result<Option<Cost>> {

@@ -11,12 +11,14 @@ use dappo_learn::{LearnError, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use pyo3::prelude::*;
 
-use super::{settings, with_threads};
+use super::settings;
 use crate::cli::args::TrainDiagnoserArgs;
 use crate::cli::{Caller, INTERRUPTED, console};
 use crate::errors::from_learn;
+use crate::pool::Pool;
 
 pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
+    let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
     let data = Dataset::open(&arguments.data).map_err(|error| from_learn(&error))?;
     let subject = &data.header().subject;
     let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
@@ -25,18 +27,16 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
     }
     let mut display = Display::new(&config, arguments.json.then_some(caller), caller.watch()?);
     let resume = arguments.resume.is_some();
-    let outcome = py.detach(|| {
-        with_threads(arguments.threads, || {
-            let outcome = train(&config, subject, &data, &folder, resume, &mut display)?;
-            if let (false, Some((_, diagnoser))) = (outcome.interrupted, &outcome.best) {
-                let validation = Split::of(&config, &data).validation;
-                diagnoser.evaluate(&data, &validation)?.write(&folder.eval(), "validation")?;
-            }
-            Ok(outcome)
-        })
+    let outcome = pool.run(py, || -> Result<_> {
+        let outcome = train(&config, subject, &data, &folder, resume, &mut display)?;
+        if let (false, Some((_, diagnoser))) = (outcome.interrupted, &outcome.best) {
+            let validation = Split::of(&config, &data).validation;
+            diagnoser.evaluate(&data, &validation)?.write(&folder.eval(), "validation")?;
+        }
+        Ok(outcome)
     });
     display.bar.finish_and_clear();
-    let outcome = outcome.and_then(|outcome| outcome).map_err(|error| from_learn(&error))?;
+    let outcome = outcome?;
     let root = folder.root().display();
     if outcome.interrupted {
         console::note(&format!(

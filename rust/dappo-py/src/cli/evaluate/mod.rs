@@ -16,21 +16,23 @@ use super::args::EvaluateArgs;
 use super::{Caller, INTERRUPTED, console};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 use runs::LoadedRun;
 pub use show::show;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
     let encoding = Encoding::parse(&arguments.encoding).map_err(|error| from_learn(&error))?;
+    let pool = Pool::new(arguments.simulation.threads())?;
     let interrupted = caller.watch()?;
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
-    let runs = runs::load(py, arguments, &arguments.runs, encoding, None)?;
-    let others = runs::load(py, arguments, &arguments.compare, Encoding::True, runs.first())?;
+    let runs = runs::load(py, &pool, arguments, &arguments.runs, encoding, None)?;
+    let others = runs::load(py, &pool, arguments, &arguments.compare, Encoding::True, runs.first())?;
     if !arguments.json {
         console::note(&runs[0].describe());
     }
     let several = runs.len() + others.len() > 1;
     let evaluate = |runs: &[LoadedRun], encoding| {
-        evaluate_all(py, runs, encoding, &interrupted, |run, evaluation| {
+        evaluate_all(py, &pool, runs, encoding, &interrupted, |run, evaluation| {
             if arguments.json {
                 return;
             }
@@ -64,6 +66,7 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
 /// Evaluates the runs of one learner, one after the other; `None` when it was interrupted.
 fn evaluate_all(
     py: Python<'_>,
+    pool: &Pool,
     runs: &[LoadedRun],
     encoding: Encoding,
     interrupted: &AtomicBool,
@@ -71,10 +74,10 @@ fn evaluate_all(
 ) -> PyResult<Option<Vec<RunEvaluation>>> {
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
-        let evaluation = py.detach(|| {
+        let evaluation = pool.run(py, || {
             evaluate_and_save(&run.ppo, &run.config, encoding, &run.factory, &run.folder, interrupted)
-        });
-        let Some(evaluation) = evaluation.map_err(|error| from_learn(&error))? else { return Ok(None) };
+        })?;
+        let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
         let (seed, env_steps) = (run.config.seed, run.env_steps);
         evaluations.push(RunEvaluation { run: run.name(), seed, env_steps, evaluation });

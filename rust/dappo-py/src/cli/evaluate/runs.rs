@@ -14,6 +14,7 @@ use crate::cli::policy::{self, LoadedPolicy};
 use crate::cli::settings;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
+use crate::pool::Pool;
 
 /// A run with everything that its evaluation needs.
 pub struct LoadedRun {
@@ -30,6 +31,7 @@ pub struct LoadedRun {
 /// Loads the runs of one learner. `reference`, or else the first of them, decides how all are evaluated.
 pub fn load(
     py: Python<'_>,
+    pool: &Pool,
     arguments: &EvaluateArgs,
     folders: &[PathBuf],
     encoding: Encoding,
@@ -37,7 +39,7 @@ pub fn load(
 ) -> PyResult<Vec<LoadedRun>> {
     let mut loaded: Vec<LoadedRun> = Vec::with_capacity(folders.len());
     for folder in folders {
-        let run = LoadedRun::open(py, arguments, folder, encoding, reference.or(loaded.first()))?;
+        let run = LoadedRun::open(py, pool, arguments, folder, encoding, reference.or(loaded.first()))?;
         if let Some(first) = loaded.first() {
             check_learner(first, &run)?;
         }
@@ -60,6 +62,7 @@ pub fn load(
 impl LoadedRun {
     fn open(
         py: Python<'_>,
+        pool: &Pool,
         arguments: &EvaluateArgs,
         folder: &Path,
         encoding: Encoding,
@@ -79,8 +82,8 @@ impl LoadedRun {
         if let Some(reference) = reference {
             check_conditions(reference, folder.root(), &conditions)?;
         }
-        let policy = py.detach(|| load_policy(&folder, &config, encoding, &factory));
-        let LoadedPolicy { ppo, env_steps, .. } = policy.map_err(|error| from_learn(&error))?;
+        let LoadedPolicy { ppo, env_steps, .. } =
+            pool.run(py, || load_policy(&folder, &config, encoding, &factory))?;
         Ok(Self { folder, config, factory, ppo, env_steps, conditions })
     }
 

@@ -17,7 +17,7 @@ mod tree;
 
 use rayon::prelude::*;
 
-use super::{Backend, BackendSnapshot, ObsRows, Precision, Reset, StepOutputs, check_class, thread_pool};
+use super::{Backend, BackendSnapshot, ObsRows, Precision, Reset, StepOutputs, check_class, check_envs};
 use crate::error::{SimError, expect_len};
 use crate::terms::Task;
 
@@ -32,7 +32,6 @@ pub struct LanesBackend {
     task: Task,
     table: LaneTable,
     precision: Precision,
-    pool: rayon::ThreadPool,
     /// Envs in a block.
     width: usize,
     blocks: Vec<Block>,
@@ -47,13 +46,12 @@ impl LanesBackend {
         precision: Precision,
         simd: Simd,
         num_envs: usize,
-        threads: usize,
     ) -> Result<Self, SimError> {
-        let pool = thread_pool(num_envs, threads)?;
+        check_envs(num_envs)?;
         let engine = table.engine(precision, simd)?;
         let width = engine.width();
         let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &table)).collect();
-        Ok(Self { task, table, precision, pool, width, blocks, classes: vec![0; num_envs] })
+        Ok(Self { task, table, precision, width, blocks, classes: vec![0; num_envs] })
     }
 
     /// The block of an env, and its lane in it.
@@ -75,10 +73,6 @@ impl Backend for LanesBackend {
         self.classes.len()
     }
 
-    fn num_threads(&self) -> usize {
-        self.pool.current_num_threads()
-    }
-
     fn num_classes(&self) -> usize {
         self.table.classes()
     }
@@ -95,12 +89,10 @@ impl Backend for LanesBackend {
             wanted[reset.env] = Some(*reset);
         }
         let (task, table, width, stride) = (&self.task, &self.table, self.width, obs.stride);
-        self.pool.install(|| {
-            (self.blocks.par_iter_mut(), wanted.par_chunks(width), obs.data.par_chunks_mut(width * stride))
-                .into_par_iter()
-                .filter(|(_, resets, _)| resets.iter().any(Option::is_some))
-                .for_each(|(block, resets, obs)| block.reset(task, table, resets, obs, stride));
-        });
+        (self.blocks.par_iter_mut(), wanted.par_chunks(width), obs.data.par_chunks_mut(width * stride))
+            .into_par_iter()
+            .filter(|(_, resets, _)| resets.iter().any(Option::is_some))
+            .for_each(|(block, resets, obs)| block.reset(task, table, resets, obs, stride));
         Ok(())
     }
 
@@ -120,37 +112,25 @@ impl Backend for LanesBackend {
         expect_len("actions", actions.len(), self.classes.len() * nu)?;
         expect_len("skip", skip.len(), self.classes.len())?;
         let stride = outputs.obs.stride;
-        self.pool.install(|| {
-            (
-                self.blocks.par_iter_mut(),
-                self.classes.par_chunks(width),
-                skip.par_chunks(width),
-                actions.par_chunks(width * nu),
-                outputs.obs.data.par_chunks_mut(width * stride),
-                outputs.rewards.par_chunks_mut(width),
-                outputs.terminated.par_chunks_mut(width),
-                outputs.forward_velocity.par_chunks_mut(width),
-                outputs.diverged.par_chunks_mut(width),
-            )
-                .into_par_iter()
-                .for_each(
-                    |(
-                        block,
-                        classes,
-                        skip,
-                        actions,
-                        obs,
-                        rewards,
-                        terminated,
-                        forward_velocity,
-                        diverged,
-                    )| {
-                        let mut outputs =
-                            BlockOutputs { obs, stride, rewards, terminated, forward_velocity, diverged };
-                        block.step(task, table, classes, skip, actions, &mut outputs);
-                    },
-                );
-        });
+        (
+            self.blocks.par_iter_mut(),
+            self.classes.par_chunks(width),
+            skip.par_chunks(width),
+            actions.par_chunks(width * nu),
+            outputs.obs.data.par_chunks_mut(width * stride),
+            outputs.rewards.par_chunks_mut(width),
+            outputs.terminated.par_chunks_mut(width),
+            outputs.forward_velocity.par_chunks_mut(width),
+            outputs.diverged.par_chunks_mut(width),
+        )
+            .into_par_iter()
+            .for_each(
+                |(block, classes, skip, actions, obs, rewards, terminated, forward_velocity, diverged)| {
+                    let mut outputs =
+                        BlockOutputs { obs, stride, rewards, terminated, forward_velocity, diverged };
+                    block.step(task, table, classes, skip, actions, &mut outputs);
+                },
+            );
         Ok(())
     }
 
@@ -177,22 +157,20 @@ impl Backend for LanesBackend {
         expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
         expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
         expect_len("skip", skip.len(), self.classes.len())?;
-        self.pool.install(|| {
-            (
-                self.blocks.par_iter_mut(),
-                self.classes.par_chunks(width),
-                skip.par_chunks(width),
-                qpos.par_chunks(width * nq),
-                qvel.par_chunks(width * nv),
-                obs.data.par_chunks_mut(width * stride),
-            )
-                .into_par_iter()
-                .filter(|(_, _, skip, ..)| skip.contains(&false))
-                .for_each(|(block, classes, skip, qpos, qvel, obs)| {
-                    let class_of = |lane: usize| (!skip[lane]).then(|| classes[lane]);
-                    block.set_state(task, table, class_of, (qpos, qvel), obs, stride);
-                });
-        });
+        (
+            self.blocks.par_iter_mut(),
+            self.classes.par_chunks(width),
+            skip.par_chunks(width),
+            qpos.par_chunks(width * nq),
+            qvel.par_chunks(width * nv),
+            obs.data.par_chunks_mut(width * stride),
+        )
+            .into_par_iter()
+            .filter(|(_, _, skip, ..)| skip.contains(&false))
+            .for_each(|(block, classes, skip, qpos, qvel, obs)| {
+                let class_of = |lane: usize| (!skip[lane]).then(|| classes[lane]);
+                block.set_state(task, table, class_of, (qpos, qvel), obs, stride);
+            });
         Ok(())
     }
 

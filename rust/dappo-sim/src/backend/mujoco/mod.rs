@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
-use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class, thread_pool};
+use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class, check_envs};
 use crate::error::{SimError, expect_len};
 use crate::terms::Task;
 
@@ -25,7 +25,6 @@ pub struct MujocoBackend {
     task: Task,
     table: ModelTable,
     workers: Vec<Mutex<Worker>>,
-    pool: rayon::ThreadPool,
     /// Entries of a state row: MuJoCo's state, then the main body's x position.
     row: usize,
     rows: Vec<f64>,
@@ -33,7 +32,7 @@ pub struct MujocoBackend {
 }
 
 impl MujocoBackend {
-    /// A backend with one worker for each entry of `workers`.
+    /// A backend that simulates up to `workers.len()` envs at a time: one for each thread that will step it.
     pub fn new(
         task: Task,
         library: &MujocoLibrary,
@@ -41,7 +40,10 @@ impl MujocoBackend {
         workers: Vec<WorkerFields>,
         num_envs: usize,
     ) -> Result<Self, SimError> {
-        let pool = thread_pool(num_envs, workers.len())?;
+        check_envs(num_envs)?;
+        if workers.is_empty() {
+            return Err(SimError::Config("the backend `mujoco` needs at least one mjData, got none".into()));
+        }
         let workers: Vec<Worker> = workers
             .into_iter()
             .map(|fields| Worker::new(library, fields, &table))
@@ -51,7 +53,6 @@ impl MujocoBackend {
             task,
             table,
             workers: workers.into_iter().map(Mutex::new).collect(),
-            pool,
             row,
             rows: vec![0.0; num_envs * row],
             classes: vec![0; num_envs],
@@ -59,10 +60,14 @@ impl MujocoBackend {
     }
 }
 
-/// The worker of the current thread of the pool. Never contended: a thread runs one chunk at a time.
+/// A worker that no other thread uses: that of the current thread of the pool, or another one where the pool has more
+/// threads than there are workers. Nothing that holds a worker takes up other work of the pool.
 fn worker(workers: &[Mutex<Worker>]) -> MutexGuard<'_, Worker> {
-    let index = rayon::current_thread_index().unwrap_or(0);
-    workers[index].lock().unwrap_or_else(PoisonError::into_inner)
+    let own = rayon::current_thread_index().unwrap_or(0) % workers.len();
+    let mut candidates = workers[own..].iter().chain(&workers[..own]);
+    candidates
+        .find_map(|worker| worker.try_lock().ok())
+        .unwrap_or_else(|| workers[own].lock().unwrap_or_else(PoisonError::into_inner))
 }
 
 impl Backend for MujocoBackend {
@@ -76,10 +81,6 @@ impl Backend for MujocoBackend {
 
     fn num_envs(&self) -> usize {
         self.classes.len()
-    }
-
-    fn num_threads(&self) -> usize {
-        self.workers.len()
     }
 
     fn num_classes(&self) -> usize {
@@ -98,15 +99,13 @@ impl Backend for MujocoBackend {
             wanted[reset.env] = Some(*reset);
         }
         let (task, table, workers) = (&self.task, &self.table, &self.workers);
-        self.pool.install(|| {
-            (self.rows.par_chunks_mut(self.row), obs.data.par_chunks_mut(obs.stride), wanted.par_iter())
-                .into_par_iter()
-                .for_each(|(row, obs, reset)| {
-                    if let Some(reset) = reset {
-                        worker(workers).reset(task, table, reset, row, &mut obs[..task.obs_dim()]);
-                    }
-                });
-        });
+        (self.rows.par_chunks_mut(self.row), obs.data.par_chunks_mut(obs.stride), wanted.par_iter())
+            .into_par_iter()
+            .for_each(|(row, obs, reset)| {
+                if let Some(reset) = reset {
+                    worker(workers).reset(task, table, reset, row, &mut obs[..task.obs_dim()]);
+                }
+            });
         Ok(())
     }
 
@@ -124,40 +123,36 @@ impl Backend for MujocoBackend {
         expect_len("actions", actions.len(), self.classes.len() * nu)?;
         expect_len("skip", skip.len(), self.classes.len())?;
         let obs_dim = task.obs_dim();
-        self.pool.install(|| {
-            (
-                self.rows.par_chunks_mut(self.row),
-                self.classes.par_iter(),
-                skip.par_iter(),
-                actions.par_chunks(nu),
-                outputs.obs.data.par_chunks_mut(outputs.obs.stride),
-                outputs.rewards.par_iter_mut(),
-                outputs.terminated.par_iter_mut(),
-                outputs.forward_velocity.par_iter_mut(),
-                outputs.diverged.par_iter_mut(),
-            )
-                .into_par_iter()
-                .for_each(
-                    |(row, &class, &skip, action, obs, reward, terminated, velocity, diverged)| {
-                        if skip {
-                            return;
-                        }
-                        let mut worker = worker(workers);
-                        let forward = worker.step(task, table, class, row, action);
-                        *diverged = forward.is_none();
-                        let Some(forward) = forward else {
-                            worker.restart(task, table, class, row, &mut obs[..obs_dim]);
-                            (*reward, *terminated, *velocity) = (0.0, true, 0.0);
-                            return;
-                        };
-                        *velocity = forward;
-                        let signals = worker.signals(table, class, *velocity);
-                        *terminated = task.terminated(&signals);
-                        *reward = task.reward(&signals, *terminated);
-                        task.observe(&signals, &mut obs[..obs_dim]);
-                    },
-                );
-        });
+        (
+            self.rows.par_chunks_mut(self.row),
+            self.classes.par_iter(),
+            skip.par_iter(),
+            actions.par_chunks(nu),
+            outputs.obs.data.par_chunks_mut(outputs.obs.stride),
+            outputs.rewards.par_iter_mut(),
+            outputs.terminated.par_iter_mut(),
+            outputs.forward_velocity.par_iter_mut(),
+            outputs.diverged.par_iter_mut(),
+        )
+            .into_par_iter()
+            .for_each(|(row, &class, &skip, action, obs, reward, terminated, velocity, diverged)| {
+                if skip {
+                    return;
+                }
+                let mut worker = worker(workers);
+                let forward = worker.step(task, table, class, row, action);
+                *diverged = forward.is_none();
+                let Some(forward) = forward else {
+                    worker.restart(task, table, class, row, &mut obs[..obs_dim]);
+                    (*reward, *terminated, *velocity) = (0.0, true, 0.0);
+                    return;
+                };
+                *velocity = forward;
+                let signals = worker.signals(table, class, *velocity);
+                *terminated = task.terminated(&signals);
+                *reward = task.reward(&signals, *terminated);
+                task.observe(&signals, &mut obs[..obs_dim]);
+            });
         Ok(())
     }
 
@@ -189,28 +184,19 @@ impl Backend for MujocoBackend {
         expect_len("qpos", qpos.len(), self.classes.len() * nq)?;
         expect_len("qvel", qvel.len(), self.classes.len() * nv)?;
         expect_len("skip", skip.len(), self.classes.len())?;
-        self.pool.install(|| {
-            (
-                self.rows.par_chunks_mut(self.row),
-                self.classes.par_iter(),
-                skip.par_iter(),
-                qpos.par_chunks(nq),
-                qvel.par_chunks(nv),
-                obs.data.par_chunks_mut(obs.stride),
-            )
-                .into_par_iter()
-                .filter(|(_, _, skip, ..)| !**skip)
-                .for_each(|(row, &class, _, qpos, qvel, obs)| {
-                    worker(workers).set_state(
-                        task,
-                        table,
-                        class,
-                        (qpos, qvel),
-                        row,
-                        &mut obs[..task.obs_dim()],
-                    );
-                });
-        });
+        (
+            self.rows.par_chunks_mut(self.row),
+            self.classes.par_iter(),
+            skip.par_iter(),
+            qpos.par_chunks(nq),
+            qvel.par_chunks(nv),
+            obs.data.par_chunks_mut(obs.stride),
+        )
+            .into_par_iter()
+            .filter(|(_, _, skip, ..)| !**skip)
+            .for_each(|(row, &class, _, qpos, qvel, obs)| {
+                worker(workers).set_state(task, table, class, (qpos, qvel), row, &mut obs[..task.obs_dim()]);
+            });
         Ok(())
     }
 

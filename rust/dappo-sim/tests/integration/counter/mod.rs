@@ -78,10 +78,6 @@ impl Backend for Counter {
         self.classes.len()
     }
 
-    fn num_threads(&self) -> usize {
-        1
-    }
-
     fn num_classes(&self) -> usize {
         self.table
     }

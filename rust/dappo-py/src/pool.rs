@@ -1,0 +1,33 @@
+//! Where Python objects and commands compute.
+
+use dappo_learn::LearnError;
+use dappo_sim::ThreadPool;
+use pyo3::prelude::*;
+
+use crate::errors::{from_learn, from_sim};
+
+/// The worker threads of a Python object or a command.
+pub struct Pool(ThreadPool);
+
+impl Pool {
+    /// Starts so many threads, one for each core for `None`.
+    pub fn new(threads: Option<usize>) -> PyResult<Self> {
+        ThreadPool::new(threads).map(Self).map_err(|error| from_sim(&error))
+    }
+
+    /// Number of threads.
+    pub fn num_threads(&self) -> usize {
+        self.0.num_threads()
+    }
+
+    /// Runs `work` in the pool while this thread waits without the GIL, which `work` takes where it needs Python.
+    pub fn run<T, E>(&self, py: Python<'_>, work: impl FnOnce() -> Result<T, E> + Send) -> PyResult<T>
+    where
+        T: Send,
+        E: Send + Into<LearnError>,
+    {
+        py.detach(|| self.0.install(work))
+            .map_err(|error| from_sim(&error))?
+            .map_err(|error| from_learn(&error.into()))
+    }
+}
