@@ -43,6 +43,7 @@ def test_weak_motors_have_mujocos_forces(table: ClassTable) -> None:
     assert relative_error(healthy[classes > 0], expected.qacc[classes > 0]) > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", [None, "rk4", "euler"])
 def test_trajectories_follow_mujocos(table: ClassTable, physics: str | None) -> None:
     if physics is not None:

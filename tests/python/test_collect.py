@@ -165,6 +165,7 @@ def test_what_a_kill_leaves_behind_the_last_record_is_written_anew(expert: Path,
     assert files(cut) == files(whole)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_whole_blocks_and_the_same_command_goes_on(expert: Path, tmp_path: Path) -> None:
     out, reference = tmp_path / "data", tmp_path / "reference"
     command = arguments(expert, out, "--preset", "runtime", rollouts=340)

@@ -231,6 +231,7 @@ def test_a_sweep_refuses_cells_that_were_trained_otherwise(folder: Path, tmp_pat
     assert files(out) == before
 
 
+@pytest.mark.slow
 def test_a_sweep_trains_its_own_expert_when_it_is_given_none(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
     axes = ("--rollouts", "4", "--timesteps", "2", "--test-rollouts", "2", "--seeds", "1", "--methods", "A")

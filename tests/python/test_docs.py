@@ -27,6 +27,14 @@ PAGES = [
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 DRIVER = ROOT / "docs" / "examples" / "drive_exported.py"  # a whole controller, which needs an export folder
 NEEDS = {"sb3_vector_env.py": "stable_baselines3"}  # what an example needs beyond this package and its tests
+SLOW = {
+    "rendering.md",
+    "report.md",
+    "sweeps.md",
+    "diagnose_log.py",
+    "train_with_callback.py",
+    "own_damage.py",
+}
 SECONDS = 240  # far more than any block needs: only a hang is cut off
 
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -57,6 +65,11 @@ class Block(NamedTuple):
 
 def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
+
+
+def marked(path: Path) -> object:
+    """Return a page or an example as a parameter, with the mark of those that take long."""
+    return pytest.param(path, marks=[pytest.mark.slow] if path.name in SLOW else [])
 
 
 def blocks(page: Path) -> list[Block]:
@@ -175,7 +188,7 @@ def test_every_make_job_that_a_page_names_exists(page: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if any(block.runnable for block in blocks(page))], ids=name_of
+    "page", [marked(page) for page in PAGES if any(block.runnable for block in blocks(page))], ids=name_of
 )
 def test_the_runnable_blocks_of_a_page_run_from_top_to_bottom(
     page: Path, workplace: Path, request: pytest.FixtureRequest
@@ -192,7 +205,7 @@ def test_the_runnable_blocks_of_a_page_run_from_top_to_bottom(
                     run_line(shrunk(line), workplace)
 
 
-@pytest.mark.parametrize("example", [path for path in EXAMPLES if path != DRIVER], ids=name_of)
+@pytest.mark.parametrize("example", [marked(path) for path in EXAMPLES if path != DRIVER], ids=name_of)
 def test_every_example_runs_and_prints_something(example: Path, tmp_path: Path) -> None:
     needed = NEEDS.get(example.name)
     if needed is not None and find_spec(needed) is None:

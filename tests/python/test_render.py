@@ -98,6 +98,7 @@ def test_a_png_shows_the_last_step_of_a_policy_or_a_controller(parts: Path, tmp_
     assert red(pictures["controlled"]) > 50
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 def test_adapt_says_the_same_with_and_without_a_video(parts: Path, tmp_path: Path) -> None:
     path = tmp_path / "walk.mp4"
@@ -125,6 +126,7 @@ def test_where_nothing_can_be_drawn_the_numbers_are_printed_and_written_first(
     assert [file.name for file in tmp_path.iterdir()] == ["trace.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_drawing_at_once_and_leaves_no_half_of_a_file(

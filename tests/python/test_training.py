@@ -148,6 +148,7 @@ def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_kills_at_random_moments_leave_a_run_that_ends_the_same(long_run: Path, tmp_path: Path) -> None:
     chance = random.Random(20)
     run = tmp_path / "run"
