@@ -36,14 +36,18 @@ BASE = {
 @pytest.fixture
 def cluster() -> Iterator[tuple[Any, Any]]:
     """Return a cluster whose head does no work, and one of its two workers."""
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    doomed = cluster.add_node(num_cpus=1)
-    cluster.add_node(num_cpus=1)
-    cluster.wait_for_nodes()
-    ray.init(address=cluster.address, log_to_driver=False)
-    yield cluster, doomed
-    ray.shutdown()
-    cluster.shutdown()
+    cluster = Cluster()
+    try:
+        cluster.add_node(num_cpus=0)
+        doomed = cluster.add_node(num_cpus=1)
+        cluster.add_node(num_cpus=1)
+        cluster.wait_for_nodes()
+        ray.init(address=cluster.address, log_to_driver=False)
+        yield cluster, doomed
+    finally:
+        # Also what was started before a node failed to come up.
+        ray.shutdown()
+        cluster.shutdown()
 
 
 def test_a_lost_node_loses_no_cell_and_repeats_none(cluster: tuple[Any, Any], tmp_path: Path) -> None:
