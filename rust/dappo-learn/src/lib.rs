@@ -23,7 +23,7 @@ pub mod episodes;
 pub mod error;
 pub mod evaluate;
 pub mod export;
-mod files;
+pub mod files;
 mod fleet;
 pub mod gae;
 pub mod metrics;

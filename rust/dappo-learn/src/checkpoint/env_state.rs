@@ -10,7 +10,7 @@ use dappo_sim::vector_env::VectorEnvSnapshot;
 
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_synced};
+use crate::files::{io, write_new};
 
 const FILE: &str = "envs.bin";
 /// "DAPPOENV" in little-endian order.
@@ -41,7 +41,7 @@ impl EnvState {
         for sums in [&self.episodes.forward, &self.episodes.returns, &self.episodes.lengths] {
             bytes.extend(sums.iter().flat_map(|x| x.to_le_bytes()));
         }
-        write_synced(&folder.join(FILE), &bytes)
+        write_new(&folder.join(FILE), &bytes)
     }
 
     /// Reads the state from a checkpoint folder.

@@ -17,7 +17,7 @@ use crate::engine::RolloutEngine;
 use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_synced};
+use crate::files::{io, write_new};
 use crate::ppo::{Ppo, PpoConfig};
 
 pub use env_state::EnvState;
@@ -95,7 +95,7 @@ impl<P: Position> Checkpoint<P> {
             Manifest { format: FORMAT.into(), robot: robot.into(), progress, files: list(&temporary)? };
         let text =
             serde_json::to_string_pretty(&manifest).map_err(|error| broken(&temporary, error.to_string()))?;
-        write_synced(&temporary.join(MANIFEST), text.as_bytes())?;
+        write_new(&temporary.join(MANIFEST), text.as_bytes())?;
         remove_folder(&folder)?;
         fs::rename(&temporary, &folder).map_err(io(&folder))?;
         sync_folder(checkpoints)?;
@@ -258,7 +258,7 @@ mod tests {
     fn write(at: &Path, iteration: u64, content: &str) {
         let progress = Progress { iteration, env_steps: iteration * 10, stage: 0 };
         Checkpoint::write(at, "ant", progress, 2, |folder| {
-            write_synced(&folder.join("weights"), content.as_bytes())
+            write_new(&folder.join("weights"), content.as_bytes())
         })
         .unwrap();
     }

@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use super::header::{FORMAT, FileHeader, Header};
 use super::unusable;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_synced};
+use crate::files::{io, write_new};
 
 const HEADER: &str = "export.json";
 
@@ -53,11 +53,11 @@ impl Staged {
         remove(&staged.folder)?;
         fs::create_dir_all(&staged.folder).map_err(io(&staged.folder))?;
         for (name, bytes) in files {
-            write_synced(&staged.folder.join(name), bytes)?;
+            write_new(&staged.folder.join(name), bytes)?;
         }
         let text = serde_json::to_string_pretty(header)
             .map_err(|error| unusable(&staged.folder, error.to_string()))?;
-        write_synced(&staged.folder.join(HEADER), (text + "\n").as_bytes())?;
+        write_new(&staged.folder.join(HEADER), (text + "\n").as_bytes())?;
         sync(&staged.folder)?;
         Ok(staged)
     }
