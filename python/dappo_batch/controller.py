@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike, fspath
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
@@ -47,18 +47,18 @@ class Controller:
 
     def __init__(
         self,
-        run: str | PathLike[str],
+        run: str | bytes | PathLike[str],
         *,
-        diagnoser: str | PathLike[str],
-        expert: str | PathLike[str] | None = None,
+        diagnoser: str | bytes | PathLike[str],
+        expert: str | bytes | PathLike[str] | None = None,
         num_robots: int = 1,
         trigger: str = "residual",
         settings: Mapping[str, float] | None = None,
     ) -> None:
         self._core = _core.Controller(
-            Path(fspath(run)),
-            diagnoser=Path(fspath(diagnoser)),
-            expert=None if expert is None else Path(fspath(expert)),
+            Path(fsdecode(run)),
+            diagnoser=Path(fsdecode(diagnoser)),
+            expert=None if expert is None else Path(fsdecode(expert)),
             num_robots=num_robots,
             trigger=trigger,
             settings=[f"{key}={value}" for key, value in (settings or {}).items()],
@@ -66,7 +66,7 @@ class Controller:
         self._events: list[Event] = []
 
     @classmethod
-    def from_export(cls, folder: str | PathLike[str], *, num_robots: int = 1) -> Controller:
+    def from_export(cls, folder: str | bytes | PathLike[str], *, num_robots: int = 1) -> Controller:
         """Make a controller from the one folder that ``dappo-batch export`` wrote.
 
         It acts to the bit as the controller that was exported, with the settings it was exported with.
@@ -89,7 +89,7 @@ class Controller:
             If the folder is no export, or a file of it has changed.
         """
         controller = cls.__new__(cls)
-        controller._core = _core.Controller.from_export(Path(fspath(folder)), num_robots=num_robots)
+        controller._core = _core.Controller.from_export(Path(fsdecode(folder)), num_robots=num_robots)
         controller._events = []
         return controller
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ class Diagnoser:
         self._core = core
 
     @classmethod
-    def load(cls, folder: str | PathLike[str], *, expert: str | PathLike[str]) -> Diagnoser:
+    def load(cls, folder: str | bytes | PathLike[str], *, expert: str | bytes | PathLike[str]) -> Diagnoser:
         """Read a diagnoser.
 
         Parameters
@@ -42,7 +42,7 @@ class Diagnoser:
         CheckpointError
             If a file cannot be read.
         """
-        return cls(_core.Diagnoser.load(Path(folder), Path(expert)))
+        return cls(_core.Diagnoser.load(Path(fsdecode(folder)), Path(fsdecode(expert))))
 
     @property
     def obs_dim(self) -> int:

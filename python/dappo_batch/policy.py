@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike, fspath
+from os import PathLike, fsdecode
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ class Policy:
         self._core = core
 
     @classmethod
-    def load(cls, run: str | PathLike[str]) -> Policy:
+    def load(cls, run: str | bytes | PathLike[str]) -> Policy:
         """Read the policy in the newest checkpoint of a run folder.
 
         Raises
@@ -35,7 +35,7 @@ class Policy:
         CheckpointError
             If it has no checkpoint that can be read.
         """
-        return cls(_core.Policy.load(Path(fspath(run))))
+        return cls(_core.Policy.load(Path(fsdecode(run))))
 
     @property
     def obs_dim(self) -> int:

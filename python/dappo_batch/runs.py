@@ -6,12 +6,12 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
 from dappo_batch._core import CheckpointError, ConfigError
-from dappo_batch.tables import Table, columns, read_csv
+from dappo_batch.tables import Table, columns, read_csv, read_text
 
 __all__ = ["Run", "load_run"]
 
@@ -69,7 +69,7 @@ class Run:
         return bool(self.config["env"]["observe_damage"])
 
 
-def load_run(path: str | PathLike[str]) -> Run:
+def load_run(path: str | bytes | PathLike[str]) -> Run:
     """Read a run folder.
 
     Parameters
@@ -89,7 +89,7 @@ def load_run(path: str | PathLike[str]) -> Run:
     >>> run = dappo_batch.load_run("runs/first")
     >>> run.metrics["forward_reward"][-1], run.per_class["true"]["forward_reward"].mean()
     """
-    folder = Path(path)
+    folder = Path(fsdecode(path))
     config = _config(folder)
     return Run(
         path=folder,
@@ -105,8 +105,8 @@ def load_run(path: str | PathLike[str]) -> Run:
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file, or say what is wrong with it."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
 
 
@@ -115,14 +115,11 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     rows = []
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError as error:
-        raise CheckpointError(f"{path} cannot be read: {error}") from error
+    lines = read_text(path, errors="replace").split("\n")
     for number, line in enumerate(lines[:-1], start=1):
         try:
             row = json.loads(line)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise CheckpointError(f"{path}, line {number}: {error}") from error
         if not isinstance(row, dict):
             raise CheckpointError(f"{path}, line {number} is {line[:40]!r}, expected a JSON object")
@@ -138,7 +135,7 @@ def _config(folder: Path) -> dict[str, Any]:
         raise ConfigError(f"{folder} is no run folder: it has no config.toml")
     config = read_toml(path)
     lacking = [key for key in ("robot", "seed", "total_steps", "env", "ppo") if key not in config]
-    if not lacking and "observe_damage" not in config["env"]:
+    if not lacking and not (isinstance(config["env"], dict) and "observe_damage" in config["env"]):
         lacking = ["env.observe_damage"]
     if lacking:
         raise ConfigError(f"{folder} is no run folder: its config.toml has no {', '.join(lacking)}")
@@ -149,8 +146,8 @@ def _meta(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        meta = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     if not isinstance(meta, dict):
         raise CheckpointError(f"{path} holds {type(meta).__name__}, expected a JSON object")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dappo_batch._core import CheckpointError
+from dappo_batch._core import CheckpointError, read_file
 
-__all__ = ["Table", "columns", "read_csv"]
+__all__ = ["Table", "columns", "read_csv", "read_text"]
 
 Table = Mapping[str, NDArray[Any]]
 """Columns by name, all of one length."""
@@ -33,6 +34,22 @@ _TEXT = frozenset(
         "told",
     }
 )
+
+
+def read_text(path: Path, errors: str = "strict") -> str:
+    """Read a text in UTF-8, or say what is wrong with it.
+
+    Run folders are handed on: links, pipes and devices in them are refused, and so are files of any size.
+
+    Raises
+    ------
+    CheckpointError
+        If it cannot be read.
+    """
+    try:
+        return read_file(path).decode("utf-8", errors)
+    except (OSError, UnicodeDecodeError) as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from error
 
 
 def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
@@ -56,10 +73,10 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
     CheckpointError
         If the file cannot be read, a row is too short or too long, or a column is missing.
     """
+    text = read_text(path)
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            header, *rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        header, *rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
+    except csv.Error as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     except ValueError as error:
         raise CheckpointError(f"{path} is empty, expected a table with a header") from error
@@ -78,22 +95,25 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
 def columns(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Put rows together; numbers that a row lacks or that are null are NaN, and texts are empty."""
     names = dict.fromkeys(name for row in rows for name in row)
-    return {name: _array([row.get(name) for row in rows]) for name in names}
+    return {name: _array(name, [row.get(name) for row in rows]) for name in names}
 
 
-def _array(values: Sequence[Any]) -> NDArray[Any]:
+def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values])
-    if all(isinstance(value, int) for value in values):
+    if all(isinstance(value, int) and abs(value) < 2**63 for value in values):
         return np.array(values)
-    return np.array([np.nan if value is None else value for value in values], np.float64)
+    try:
+        return np.array([np.nan if value is None else value for value in values], np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CheckpointError(f"`{name}` has entries that are neither numbers nor texts: {error}") from error
 
 
 def _parse(name: str, texts: Sequence[str]) -> NDArray[Any]:
     if name not in _TEXT:
         if texts and set(texts) <= {"true", "false"}:
             return np.array([text == "true" for text in texts])
-        if (whole := _numbers(int, texts)) is not None:
+        if (whole := _whole(texts)) is not None:
             return np.array(whole, np.int64)
         if (real := _numbers(float, (text or "nan" for text in texts))) is not None:
             return np.array(real, np.float64)
@@ -105,3 +125,11 @@ def _numbers(kind: Callable[[str], float], texts: Iterable[str]) -> list[float] 
         return [kind(text) for text in texts]
     except ValueError:
         return None
+
+
+def _whole(texts: Iterable[str]) -> list[int] | None:
+    """Return whole numbers that an int64 holds."""
+    numbers = _numbers(int, texts)
+    if numbers is None or any(abs(number) >= 2**63 for number in numbers):
+        return None
+    return [int(number) for number in numbers]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import fspath
+from os import fsdecode
 from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke, only
@@ -73,5 +73,5 @@ def adapt(
         "set": set,
         **simulation,
     }
-    report: dict[str, Any] = only(invoke(["adapt", fspath(run)], options))
+    report: dict[str, Any] = only(invoke(["adapt", fsdecode(run)], options))
     return report

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import fspath
+from os import fsdecode
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -64,8 +64,8 @@ def collect_pairs(
         "shard": shard,
         **simulation,
     }
-    invoke(["diagnose", "collect", fspath(expert)], options)
-    return sorted(Path(fspath(out)).glob("rollouts-*.npy"))
+    invoke(["diagnose", "collect", fsdecode(expert)], options)
+    return sorted(Path(fsdecode(out)).glob("rollouts-*.npy"))
 
 
 def train_diagnoser(
@@ -117,7 +117,7 @@ def train_diagnoser(
         "threads": threads,
         "set": set,
     }
-    return invoke(["diagnose", "train", fspath(data)], options, callback)
+    return invoke(["diagnose", "train", fsdecode(data)], options, callback)
 
 
 def evaluate_diagnoser(
@@ -149,6 +149,6 @@ def evaluate_diagnoser(
     """
     options = {"data": data, "policy": policy, "episodes": episodes, "threads": threads}
     found: list[dict[str, Any]] = only(
-        invoke(["diagnose", "test", *[fspath(model) for model in models]], options)
+        invoke(["diagnose", "test", *[fsdecode(model) for model in models]], options)
     )
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from os import PathLike, fspath
+from os import PathLike, fsdecode
 from typing import Any
 
 from dappo_batch._core import run_command
@@ -44,10 +44,12 @@ def _flags(options: Mapping[str, Any]) -> list[str]:
             flags.append(flag)
         elif isinstance(value, Mapping):
             flags += [flag, *_settings(value)] if value else []
+        elif isinstance(value, (bytes, PathLike)):
+            flags += [flag, fsdecode(value)]
         elif isinstance(value, Sequence) and not isinstance(value, str):
-            flags += [flag, *map(fspath, value)] if value else []
+            flags += [flag, *map(fsdecode, value)] if value else []
         else:
-            flags += [flag, fspath(value) if isinstance(value, PathLike) else str(value)]
+            flags += [flag, str(value)]
     return flags
 
 

@@ -8,7 +8,8 @@ from typing import Any, TypeAlias, TypedDict
 
 __all__ = ["Callback", "Folder", "Simulation", "TrainingOptions"]
 
-Folder: TypeAlias = str | PathLike[str]
+Folder: TypeAlias = str | bytes | PathLike[str]
+"""A path of the file system; as bytes it need not be UTF-8."""
 Callback: TypeAlias = Callable[[dict[str, Any]], bool | None]
 """Told the metrics of each iteration or epoch, a line of ``metrics.jsonl``; ``False`` stops in good order."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import fspath
+from os import fsdecode
 from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke, only
@@ -37,7 +37,7 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     SimulationError
         If the simulation cannot be set up.
     """
-    invoke(["train", "--run", fspath(run)], options, callback)
+    invoke(["train", "--run", fsdecode(run)], options, callback)
     return load_run(run)
 
 
@@ -59,7 +59,7 @@ def resume(
         If its checkpoint cannot be read.
     """
     options = {"steps": steps, "threads": threads, "learner": learner}
-    invoke(["train", "--resume", fspath(run)], options, callback)
+    invoke(["train", "--resume", fsdecode(run)], options, callback)
     return load_run(run)
 
 
@@ -94,5 +94,5 @@ def evaluate(
         ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
     """
     options = {"compare": compare, "encoding": encoding, "episodes": episodes, "seed": seed, **simulation}
-    report: dict[str, Any] = only(invoke(["evaluate", *[fspath(run) for run in runs]], options))
+    report: dict[str, Any] = only(invoke(["evaluate", *[fsdecode(run) for run in runs]], options))
     return report

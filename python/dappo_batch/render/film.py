@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ _FORMATS = {
 }
 
 
-def check(path: str | PathLike[str]) -> Path:
+def check(path: str | bytes | PathLike[str]) -> Path:
     """Return a path that `write` can write to, before the work of a walk is spent.
 
     Raises
@@ -57,7 +58,7 @@ def check(path: str | PathLike[str]) -> Path:
     RenderError
         If packages are missing.
     """
-    file = Path(path)
+    file = Path(fsdecode(path))
     if file.suffix.lower() not in _FORMATS:
         raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
     if not file.parent.is_dir():
@@ -74,7 +75,7 @@ def lacking() -> list[str]:
 
 
 def write(
-    path: str | PathLike[str],
+    path: str | bytes | PathLike[str],
     walk: Walk,
     *,
     size: tuple[int, int] | None = None,
@@ -158,8 +159,10 @@ def frames(
 @contextlib.contextmanager
 def _whole(file: Path) -> Iterator[Path]:
     """Give a file that takes its name when it is complete, so that no half of one is left behind."""
-    part = file.with_name(f".{file.name}.part")
+    # Somebody else may have put a link under any name that can be foreseen.
+    part = file.with_name(f".{file.stem[:100]}.{secrets.token_hex(8)}{file.suffix}")
     try:
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
         yield part
         os.replace(part, file)
     except OSError as error:

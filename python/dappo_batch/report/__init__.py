@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib.util
-import os
 from collections.abc import Sequence
 from importlib.metadata import version
-from os import PathLike
+from os import PathLike, fsdecode, fsencode
 from pathlib import Path
 
-from dappo_batch._core import ConfigError
+from dappo_batch._core import ConfigError, write_file
 from dappo_batch.render.errors import RenderError
 from dappo_batch.report.sources import Sources, read
 
@@ -21,10 +19,10 @@ INSTALL = "pip install 'dappo-batch[report]'"
 
 
 def write(
-    paths: Sequence[str | PathLike[str]],
-    out: str | PathLike[str] = "report.html",
+    paths: Sequence[str | bytes | PathLike[str]],
+    out: str | bytes | PathLike[str] = "report.html",
     *,
-    figures: str | PathLike[str] | None = None,
+    figures: str | bytes | PathLike[str] | None = None,
     title: str = "dappo-batch report",
 ) -> list[Path]:
     """Write a report.
@@ -54,7 +52,7 @@ def write(
     RenderError
         If matplotlib is missing.
     """
-    page = Path(out)
+    page = Path(fsdecode(out))
     if not page.parent.is_dir():
         raise ConfigError(f"{page}: there is no folder {page.parent}")
     if page.is_dir():
@@ -62,7 +60,7 @@ def write(
     if importlib.util.find_spec("matplotlib") is None:
         raise RenderError(f"matplotlib is not installed, which reports need: {INSTALL}")
     sources = read(paths)
-    html, drawings = _draw(sources, title, None if figures is None else Path(figures))
+    html, drawings = _draw(sources, title, None if figures is None else Path(fsdecode(figures)))
     for path, content in drawings.items():
         _write(path, content)
     _write(page, html)
@@ -88,16 +86,16 @@ def _draw(sources: Sources, title: str, figures: Path | None) -> tuple[bytes, di
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write under another name first: a kill leaves the old file or the new one, never half of one."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    """Write a file so that a kill leaves the old one or the new one, never half of one."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished.write_bytes(content)
-        unfinished.replace(path)
+        write_file(path, content)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
         raise ConfigError(f"{path} cannot be written: {error}") from error
+
+
+def _shown(path: str | PathLike[str]) -> str:
+    """Return a path as a terminal can show it, whatever its bytes are."""
+    return fsencode(path).decode(errors="replace")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -128,7 +126,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--title", default="dappo-batch report", metavar="TEXT", help="heading of the page")
     arguments = parser.parse_args(argv)
     page, *figures = write(arguments.paths, arguments.out, figures=arguments.figures, title=arguments.title)
-    print(f"{page} ({page.stat().st_size / 1e6:.1f} MB)")
+    print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")
     if figures:
-        print(f"{arguments.figures}: {len(figures)} files")
+        print(f"{_shown(arguments.figures)}: {len(figures)} files")
     return 0

@@ -13,6 +13,7 @@ from dappo_batch.report.page import Code, Section, Text, Values
 from dappo_batch.report.picture import Picture
 from dappo_batch.report.sources import Diagnoser, DiagnoserTest, Sources, Sweep, Trace
 from dappo_batch.runs import Run
+from dappo_batch.tables import read_text
 
 __all__ = ["sections"]
 
@@ -252,7 +253,7 @@ def _versions(found: Sequence[Learner]) -> Section:
     files = [
         Code(
             f"{learner.robot}, {learner.name}: config.toml of seed {learner.runs[0].seed}",
-            (learner.runs[0].path / "config.toml").read_text(encoding="utf-8"),
+            read_text(learner.runs[0].path / "config.toml"),
         )
         for learner in found
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dappo_batch._core import CheckpointError, ConfigError
 from dappo_batch.runs import Run, load_run, read_lines, read_toml
-from dappo_batch.tables import Table, columns, read_csv
+from dappo_batch.tables import Table, columns, read_csv, read_text
 
 __all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Sweep", "Trace", "read"]
 
@@ -116,7 +116,7 @@ class Sources:
         return ", ".join(counts)
 
 
-def read(paths: Sequence[str | PathLike[str]]) -> Sources:
+def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
     """Read every path; one that is given twice is read once.
 
     Raises
@@ -128,8 +128,13 @@ def read(paths: Sequence[str | PathLike[str]]) -> Sources:
     """
     if not paths:
         raise ConfigError(f"there is nothing to report; {_EXPECTED}")
+    for path in map(fsdecode, paths):
+        try:
+            path.encode()
+        except UnicodeEncodeError as error:
+            raise ConfigError(f"{path!a} has no name in UTF-8, which a report shows; rename it") from error
     sources = Sources()
-    for path in dict.fromkeys(Path(path).resolve() for path in paths):
+    for path in dict.fromkeys(Path(fsdecode(path)).resolve() for path in paths):
         _add(sources, path)
     return sources
 
@@ -158,10 +163,9 @@ def _is_diagnoser(config: Mapping[str, Any]) -> bool:
 
 def _add_file(sources: Sources, path: Path) -> None:
     try:
-        with path.open(encoding="utf-8") as file:
-            header = file.readline().strip().split(",")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is no text: {error}; {_EXPECTED}") from error
+        header = read_text(path).partition("\n")[0].strip().split(",")
+    except CheckpointError as error:
+        raise ConfigError(f"{error}; {_EXPECTED}") from error
     if set(header) >= set(_TRACE):
         table = read_csv(path, _TRACE)
         if not len(table["step"]):
@@ -197,8 +201,13 @@ def _test(path: Path) -> DiagnoserTest:
     data = path.name.removesuffix(".confusion.csv")
     summary_path = path.with_name(f"{data}.json")
     try:
-        summary = json.loads(summary_path.read_text(encoding="utf-8")) if summary_path.exists() else {}
-    except ValueError as error:
+        summary = json.loads(read_text(summary_path)) if summary_path.exists() else {}
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{summary_path} cannot be read: {error}") from error
-    counts = np.stack([table[name].astype(np.float64) for name in names], axis=1)
+    try:
+        counts = np.stack([table[name].astype(np.float64) for name in names], axis=1)
+    except ValueError as error:
+        raise CheckpointError(f"{path} holds no table of counts: {error}") from error
+    if not isinstance(summary, dict):
+        raise CheckpointError(f"{summary_path} holds {type(summary).__name__}, expected a JSON object")
     return DiagnoserTest(data, summary, names, counts)

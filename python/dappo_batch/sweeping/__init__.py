@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
+from os import fsdecode
 from pathlib import Path
 from typing import Any
 
-from dappo_batch._core import ConfigError
+from dappo_batch._core import CheckpointError, ConfigError, write_file
 from dappo_batch.commands import Folder
 from dappo_batch.sweeping.cell import Cell, cells_of, options_of
 from dappo_batch.sweeping.worker import processes, train_cell
+from dappo_batch.tables import read_text
 
 __all__ = ["Cell", "sweep"]
 
@@ -54,7 +56,7 @@ def sweep(
     ConfigError
         If the grid is empty, or the folder holds a sweep with another base.
     """
-    folder = Path(out).absolute()
+    folder = Path(fsdecode(out)).absolute()
     cells = list(cells_of(grid, folder))
     _claim(folder, base)
     if executor is None:
@@ -68,13 +70,19 @@ def _claim(folder: Path, base: Mapping[str, Any]) -> None:
     path = folder / "sweep.json"
     wanted = json.loads(json.dumps({"base": dict(base)}, default=str))
     if not path.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
+        try:
+            write_file(path, (json.dumps(wanted, indent=2) + "\n").encode())
+        except OSError as error:
+            raise ConfigError(f"{path} cannot be written: {error}") from error
         return
-    known = json.loads(path.read_text(encoding="utf-8"))
+    try:
+        known = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from error
     if known != wanted:
+        base = known.get("base") if isinstance(known, dict) else known
         raise ConfigError(
-            f"{folder} holds a sweep with another base: {json.dumps(known['base'])}; choose another folder"
+            f"{folder} holds a sweep with another base: {json.dumps(base)}; choose another folder"
         )
 
 

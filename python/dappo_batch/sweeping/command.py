@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -46,8 +47,9 @@ def main(argv: Sequence[str]) -> int:
     base = {key: _value(text) for key, text in _pairs(parser, arguments.base)}
     with processes(arguments.jobs) as pool:
         cells = sweep(base, grid, arguments.out, executor=pool, callback=_say)
+    out = os.fsencode(arguments.out).decode(errors="replace")
     failed = sum(cell.error is not None for cell in cells)
-    print(f"{len(cells) - failed} of {len(cells)} trainings are done; folder of the sweep: {arguments.out}")
+    print(f"{len(cells) - failed} of {len(cells)} trainings are done; folder of the sweep: {out}")
     return 1 if failed else 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, cast
 
+from dappo_batch._core import ConfigError
 from dappo_batch.commands import TrainingOptions, resume, train
 from dappo_batch.runs import Run, load_run
 
@@ -38,9 +40,16 @@ def train_cell(path: str, options: dict[str, Any]) -> None:
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
     """Wait for a lock, which a killed process holds no longer."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    try:
+        # A link or a pipe under this name is not opened, and what a file holds stays.
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be locked: {error}") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+    finally:
+        os.close(lock)
 
 
 def _is_done(run: Run) -> bool:

@@ -14,7 +14,7 @@
 #[cfg(test)]
 pub(crate) mod faults;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
@@ -82,6 +82,27 @@ fn open(options: &mut OpenOptions, path: &Path) -> IoResult<(File, Metadata)> {
     let found = file.metadata()?;
     check_regular(&found)?;
     Ok((file, found))
+}
+
+/// Reads the files of one folder by their names.
+pub trait Files {
+    /// Where a file lies.
+    fn path(&self, name: &str) -> PathBuf;
+
+    /// Reads a file of at most `limit` bytes.
+    fn read(&self, name: &str, limit: u64) -> Result<Vec<u8>>;
+}
+
+/// A folder without a list of its files.
+impl Files for Path {
+    fn path(&self, name: &str) -> PathBuf {
+        self.join(name)
+    }
+
+    fn read(&self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        let path = self.join(name);
+        read_regular(&path, limit).map_err(io(&path))
+    }
 }
 
 /// Opens a regular file for reading; returns it and its length, bytes.
@@ -161,6 +182,15 @@ pub(crate) fn lock(path: &Path) -> Result<Option<File>> {
     let options = &mut OpenOptions::new();
     let opened = step(|| open(options.read(true).write(true).create(true).truncate(false), path));
     let (file, _) = opened.map_err(io(path))?;
+    take_lock(file, path)
+}
+
+/// Opens a file to write in place with its lock, as [`open_in_place`]; `None` if another process has it.
+pub(crate) fn lock_in_place(path: &Path) -> Result<Option<File>> {
+    take_lock(open_in_place(path).map_err(io(path))?, path)
+}
+
+fn take_lock(file: File, path: &Path) -> Result<Option<File>> {
     match file.try_lock() {
         Ok(()) => Ok(Some(file)),
         Err(TryLockError::WouldBlock) => Ok(None),
@@ -189,7 +219,7 @@ pub(crate) fn own_folder(path: &Path) -> Result<()> {
 
 /// A folder beside the one that it becomes. It vanishes unless it does.
 #[derive(Debug)]
-pub(crate) struct TemporaryFolder {
+pub struct TemporaryFolder {
     path: PathBuf,
     /// Locked, so that the folder is not swept.
     _handle: File,
@@ -198,6 +228,7 @@ pub(crate) struct TemporaryFolder {
 impl TemporaryFolder {
     /// Makes an empty folder in the folder of `destination`, which exists.
     pub fn create(destination: &Path) -> Result<Self> {
+        sweep(folder_of(destination), |stem| stem == stem_of(destination));
         loop {
             let path = temporary_name(destination);
             match step(|| fs::create_dir(&path)) {
@@ -224,6 +255,44 @@ impl Drop for TemporaryFolder {
         // One that was renamed is gone. One that cannot be removed now goes with the next write.
         let _ = step(|| fs::remove_dir_all(&self.path));
     }
+}
+
+/// Fails with the path of an entry of a folder whose name `is_known` does not accept.
+pub(crate) fn check_names(
+    folder: &Path,
+    is_known: impl Fn(&str) -> bool,
+) -> std::result::Result<(), PathBuf> {
+    let Ok(entries) = fs::read_dir(folder) else { return Err(folder.to_owned()) };
+    for entry in entries {
+        let name = entry.map_err(|_| folder.to_owned())?.file_name();
+        if !name.to_str().is_some_and(&is_known) {
+            return Err(folder.join(name));
+        }
+    }
+    Ok(())
+}
+
+/// Puts a new folder where it belongs, in place of an earlier one.
+pub(crate) fn replace_folder(new: TemporaryFolder, destination: &Path) -> Result<()> {
+    sync_folder(new.path())?;
+    // After an exchange the earlier folder has the temporary name, and goes when `new` does.
+    if !step(|| Ok(exchange(new.path(), destination))).map_err(io(destination))? {
+        remove_folder(destination)?;
+        rename(new.path(), destination)?;
+    }
+    sync_folder(folder_of(destination))
+}
+
+/// Lets two folders change their names in one step, where the system can do that.
+#[cfg(target_os = "linux")]
+fn exchange(one: &Path, other: &Path) -> bool {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE).is_ok()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn exchange(_: &Path, _: &Path) -> bool {
+    false
 }
 
 /// Removes a folder: first its name, so that a kill leaves no half of it.

@@ -10,6 +10,8 @@ use crate::error::{LearnError, Result, check_finite, check_length};
 pub const CLIP: f32 = 10.0;
 /// Added to the variance, so that a constant component does not divide by zero.
 const EPSILON: f64 = 1e-8;
+/// Counts beyond this are not exact in f64.
+const MOST_ROWS: u64 = 1 << 53;
 /// Rows summed before a merge. Fixed, so that the result does not depend on the number of threads.
 const CHUNK_ROWS: usize = 1024;
 
@@ -96,10 +98,29 @@ impl Normalizer {
         Self { code_scale, ..self }
     }
 
+    /// Fails unless these are statistics that a normaliser can have: what is read from a file may be anything.
+    pub(crate) fn check(&self) -> Result<()> {
+        check_length("squares of the normaliser", &self.squares, self.mean.len())?;
+        for (index, (mean, square)) in self.mean.iter().zip(&self.squares).enumerate() {
+            // Rows are f32, and so is what is subtracted from them.
+            check_finite(format!("mean of observation entry {index}"), f64::from(*mean as f32))?;
+            check_finite(format!("squares of observation entry {index}"), *square)?;
+        }
+        check_finite("the factor of the damage code", f64::from(self.code_scale))?;
+        let unusual = |key, got, expected| Err(LearnError::Config { key, got, expected });
+        if let Some(square) = self.squares.iter().find(|square| **square < 0.0) {
+            return unusual("squares", square.to_string(), "sums of squares, at least 0");
+        }
+        if self.count > MOST_ROWS {
+            return unusual("count", self.count.to_string(), "at most 2^53 rows");
+        }
+        Ok(())
+    }
+
     /// Length of a row, code included.
     #[must_use]
     pub fn obs_dim(&self) -> usize {
-        self.mean.len() + self.code_length
+        self.mean.len().saturating_add(self.code_length)
     }
 
     /// Length of the damage code at the end of a row.
@@ -279,6 +300,25 @@ mod tests {
         assert_eq!(run(3), normalizer);
         let text = toml::to_string(&normalizer).unwrap();
         assert_eq!(toml::from_str::<Normalizer>(&text).unwrap(), normalizer);
+    }
+
+    #[test]
+    fn statistics_that_no_observations_have_are_refused() {
+        let mut normalizer = Normalizer::new(3, 1).unwrap();
+        normalizer.update(&rows()).unwrap();
+        normalizer.check().unwrap();
+        let refuse = |change: fn(&mut Normalizer), expected: &str| {
+            let mut other = normalizer.clone();
+            change(&mut other);
+            let message = other.check().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        };
+        refuse(|n| n.squares.truncate(1), "squares of the normaliser has 1 elements, expected 2");
+        refuse(|n| n.squares[1] = f64::NAN, "squares of observation entry 1 is NaN");
+        refuse(|n| n.squares[1] = -1.0, "squares is -1, expected sums of squares");
+        refuse(|n| n.mean[0] = f64::INFINITY, "mean of observation entry 0 is inf");
+        refuse(|n| n.code_scale = f32::NAN, "the factor of the damage code is NaN");
+        refuse(|n| n.count = u64::MAX, "expected at most 2^53 rows");
     }
 
     #[test]

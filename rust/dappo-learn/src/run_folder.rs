@@ -1,7 +1,6 @@
 //! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
 
-use std::fs::{self, File, TryLockError};
-use std::io::ErrorKind;
+use std::fs::{self, File};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
@@ -9,7 +8,7 @@ use serde::Serialize;
 
 use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{self, io, own_folder, read_text, write_atomically};
 use crate::metrics::{Metrics, MetricsLog};
 use crate::simulator::Simulator;
 
@@ -51,7 +50,7 @@ impl RunFolder {
                 root.display()
             )));
         }
-        fs::create_dir_all(run.checkpoints()).map_err(io(&run.checkpoints()))?;
+        own_folder(&run.checkpoints())?;
         run.write_meta(meta)?;
         // The configuration makes it a run, so it comes last: a kill before leaves a folder that can be used again.
         write_atomically(&run.config_path(), config.to_toml()?.as_bytes())?;
@@ -68,7 +67,7 @@ impl RunFolder {
                 root.display()
             )));
         }
-        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let text = read_text(&path).map_err(io(&path))?;
         let mut layers = Layers::default();
         layers.add_toml(&text, &path.display().to_string())?;
         Ok((run, layers.resolve()?))
@@ -83,20 +82,13 @@ impl RunFolder {
     /// Locks the run for training; refuses one that another process trains.
     pub fn lock(self) -> Result<LockedRun> {
         let path = self.root.join("lock");
-        let file = File::create(&path).map_err(io(&path))?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(LearnError::Invalid(format!(
-                    "{} is being trained by another process; wait for its end, or choose another folder",
-                    self.root.display()
-                )));
-            }
-            // Some network disks have no locks.
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
-            Err(TryLockError::Error(error)) => return Err(io(&path)(error)),
-        }
-        Ok(LockedRun { folder: self, _lock: file })
+        let Some(lock) = files::lock(&path)? else {
+            return Err(LearnError::Invalid(format!(
+                "{} is being trained by another process; wait for its end, or choose another folder",
+                self.root.display()
+            )));
+        };
+        Ok(LockedRun { folder: self, _lock: lock })
     }
 
     fn config_path(&self) -> PathBuf {
@@ -111,7 +103,9 @@ impl RunFolder {
 
     /// Writes a table into `eval/`.
     pub fn write_evaluation(&self, name: &str, table: &str) -> Result<()> {
-        write_atomically(&self.root.join("eval").join(name), table.as_bytes())
+        let folder = self.root.join("eval");
+        own_folder(&folder)?;
+        write_atomically(&folder.join(name), table.as_bytes())
     }
 
     /// Reads a table from `eval/`.
@@ -124,7 +118,7 @@ impl RunFolder {
                 self.root.display()
             )));
         }
-        fs::read_to_string(&path).map_err(io(&path))
+        read_text(&path).map_err(io(&path))
     }
 
     fn metrics(&self) -> MetricsLog {
@@ -140,7 +134,7 @@ impl RunFolder {
     /// Version of the program that made the run, as `meta.json` has it.
     pub fn version(&self) -> Result<String> {
         let path = self.root.join("meta.json");
-        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let text = read_text(&path).map_err(io(&path))?;
         let meta: serde_json::Value = serde_json::from_str(&text)
             .map_err(|error| LearnError::Invalid(format!("{}: {error}", path.display())))?;
         Ok(meta.get("version").and_then(serde_json::Value::as_str).unwrap_or("unknown").to_owned())

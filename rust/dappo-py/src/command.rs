@@ -1,6 +1,7 @@
 //! Commands for Python programs: the same as at the terminal, with objects instead of text and exceptions instead of
 //! exit codes.
 
+use std::ffi::OsString;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -26,7 +27,7 @@ const PATIENCE: Duration = Duration::from_millis(50);
 )]
 #[pyo3(signature = (arguments, callback=None))]
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
-pub fn run_command(py: Python<'_>, arguments: Vec<String>, callback: Option<Py<PyAny>>) -> PyResult<()> {
+pub fn run_command(py: Python<'_>, arguments: Vec<OsString>, callback: Option<Py<PyAny>>) -> PyResult<()> {
     let command = cli::parse(&arguments).map_err(|error| raise(Kind::Config, error.to_string()))?;
     let stop = Arc::new(AtomicBool::new(false));
     let (objects, received) = channel();

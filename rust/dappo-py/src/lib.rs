@@ -9,6 +9,7 @@ mod diagnoser;
 mod errors;
 mod exported_networks;
 mod factory;
+mod files;
 mod lane_worlds;
 mod model_reader;
 mod policy;
@@ -32,6 +33,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<exported_networks::PyExportedNetworks>()?;
     module.add_class::<lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(rollout::collect_rollout, module)?)?;
+    module.add_function(wrap_pyfunction!(files::read_file, module)?)?;
+    module.add_function(wrap_pyfunction!(files::write_file, module)?)?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     module.add_function(wrap_pyfunction!(command::run_command, module)?)?;
     Ok(())

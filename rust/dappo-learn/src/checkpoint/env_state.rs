@@ -9,10 +9,13 @@ use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 
 use crate::episodes::EpisodeTracker;
-use crate::error::{LearnError, Result};
-use crate::files::{io, write_new};
+use crate::error::Result;
+use crate::files::{Files, write_new};
+use crate::records::unreadable;
 
 const FILE: &str = "envs.bin";
+/// Far above the state of any number of envs that a computer holds, bytes.
+const LONGEST: u64 = 1 << 34;
 /// "DAPPOENV" in little-endian order.
 const MAGIC: u64 = u64::from_le_bytes(*b"DAPPOENV");
 
@@ -44,15 +47,19 @@ impl EnvState {
         write_new(&folder.join(FILE), &bytes)
     }
 
-    /// Reads the state from a checkpoint folder.
-    pub fn load(folder: &Path) -> Result<Self> {
-        let path = folder.join(FILE);
-        let bytes = std::fs::read(&path).map_err(io(&path))?;
+    /// Reads the state from a checkpoint.
+    pub fn load<F: Files + ?Sized>(files: &F) -> Result<Self> {
+        let bytes = files.read(FILE, LONGEST)?;
         let mut reader = Reader { bytes: &bytes };
-        Self::parse(&mut reader).filter(|_| reader.bytes.is_empty()).ok_or_else(|| LearnError::Checkpoint {
-            path,
-            message: "it is no env state of this program".into(),
-        })
+        let state = Self::parse(&mut reader).filter(|_| reader.bytes.is_empty());
+        let state =
+            state.ok_or_else(|| unreadable(&files.path(FILE), "it is no env state of this program"))?;
+        let EpisodeTracker { forward, returns, lengths, .. } = &state.episodes;
+        if let Some(sum) = [forward, returns, lengths].into_iter().flatten().find(|sum| !sum.is_finite()) {
+            let message = format!("a sum over an episode is {sum}, expected a finite number");
+            return Err(unreadable(&files.path(FILE), message));
+        }
+        Ok(state)
     }
 
     fn parse(reader: &mut Reader) -> Option<Self> {
@@ -126,13 +133,30 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("dappo-env-state-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         state.save(&folder).unwrap();
-        let again = EnvState::load(&folder).unwrap();
+        let again = EnvState::load(folder.as_path()).unwrap();
         let bits = |rows: &[f64]| rows.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&again.envs.backend.rows), bits(&state.envs.backend.rows));
         assert_eq!((again.envs.episodes, again.envs.obs), (state.envs.episodes, state.envs.obs));
         assert_eq!(again.episodes, state.episodes);
-        std::fs::write(folder.join(FILE), b"DAPPOENV").unwrap();
-        assert!(EnvState::load(&folder).is_err());
+        let refuse = |bytes: &[u8], expected: &str| {
+            std::fs::write(folder.join(FILE), bytes).unwrap();
+            let message = EnvState::load(folder.as_path()).unwrap_err().to_string();
+            assert!(message.contains("envs.bin") && message.contains(expected), "{message}");
+        };
+        let bytes = std::fs::read(folder.join(FILE)).unwrap();
+        refuse(b"DAPPOENV", "no env state");
+        refuse(&bytes[..bytes.len() - 1], "no env state");
+        refuse(&[&bytes[..], &[0]].concat(), "no env state");
+        // Sizes that no computer holds take no memory.
+        for (at, size) in [(8, u64::MAX), (8, 1 << 61), (16, u64::MAX), (16, 1 << 62), (24, u64::MAX)] {
+            let mut large = bytes.clone();
+            large[at..at + 8].copy_from_slice(&size.to_le_bytes());
+            refuse(&large, "no env state");
+        }
+        let mut infinite = bytes.clone();
+        let end = infinite.len();
+        infinite[end - 8..].copy_from_slice(&f64::INFINITY.to_le_bytes());
+        refuse(&infinite, "a sum over an episode is inf");
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -2,11 +2,13 @@
 //!
 //! A checkpoint is written under a temporary name, synced and renamed, so that a kill at any moment leaves
 //! the previous ones. Its `manifest.json` lists every file with length and CRC-32; a checkpoint that does
-//! not match is refused by name.
+//! not match, or holds anything else, is refused by name.
 
 mod env_state;
 
-use std::fs::{self, File};
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
@@ -17,15 +19,33 @@ use crate::engine::RolloutEngine;
 use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_new};
+use crate::files::{
+    self, Files, TEXT_BYTES, TemporaryFolder, io, is_file_name, open_regular, own_folder, read_regular,
+    read_text, remove_folder, replace_folder, sweep, write_new,
+};
 use crate::ppo::{Ppo, PpoConfig};
 
 pub use env_state::EnvState;
 
 const FORMAT: &str = "dappo-batch checkpoint 1";
 const MANIFEST: &str = "manifest.json";
-/// Where a checkpoint is written before it gets its number.
-const TEMPORARY: &str = ".new.tmp";
+/// The files of all kinds of checkpoints. A folder with anything else in it is never removed.
+const FILES: [&str; 12] = [
+    MANIFEST,
+    "learner.toml",
+    "policy.bpk",
+    "value.bpk",
+    "policy_adam.bpk",
+    "value_adam.bpk",
+    "value_batch.bpk",
+    "envs.bin",
+    "session.toml",
+    "net.bpk",
+    "adam.bpk",
+    "best.bpk",
+];
+/// The longest file that is read, bytes: burn's arrays end at 10 GiB.
+const LONGEST: u64 = 1 << 34;
 
 /// Where a training of some kind stood.
 pub trait Position: Copy + Serialize + DeserializeOwned {
@@ -60,7 +80,7 @@ struct Manifest<P> {
     files: Vec<FileEntry>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileEntry {
     name: String,
@@ -75,6 +95,7 @@ pub struct Checkpoint<P = Progress> {
     pub folder: PathBuf,
     /// Where the run stood.
     pub progress: P,
+    files: Vec<FileEntry>,
 }
 
 impl<P: Position> Checkpoint<P> {
@@ -86,36 +107,43 @@ impl<P: Position> Checkpoint<P> {
         keep: usize,
         fill: impl FnOnce(&Path) -> Result<()>,
     ) -> Result<()> {
-        let name = format!("{:08}", progress.number());
-        let (temporary, folder) = (checkpoints.join(TEMPORARY), checkpoints.join(&name));
-        remove_folder(&temporary)?;
-        fs::create_dir_all(&temporary).map_err(io(&temporary))?;
-        fill(&temporary)?;
+        own_folder(checkpoints)?;
+        sweep(checkpoints, |stem| std::str::from_utf8(stem).is_ok_and(|stem| number(stem).is_some()));
+        let folder = checkpoints.join(format!("{:08}", progress.number()));
+        let temporary = TemporaryFolder::create(&folder)?;
+        fill(temporary.path())?;
         let manifest =
-            Manifest { format: FORMAT.into(), robot: robot.into(), progress, files: list(&temporary)? };
-        let text =
-            serde_json::to_string_pretty(&manifest).map_err(|error| broken(&temporary, error.to_string()))?;
-        write_new(&temporary.join(MANIFEST), text.as_bytes())?;
-        remove_folder(&folder)?;
-        fs::rename(&temporary, &folder).map_err(io(&folder))?;
-        sync_folder(checkpoints)?;
-        for old in numbered(checkpoints)?.into_iter().rev().skip(keep) {
-            remove_folder(&old)?;
-        }
-        Ok(())
+            Manifest { format: FORMAT.into(), robot: robot.into(), progress, files: list(temporary.path())? };
+        let text = serde_json::to_string_pretty(&manifest)
+            .map_err(|error| broken(temporary.path(), error.to_string()))?;
+        write_new(&temporary.path().join(MANIFEST), text.as_bytes())?;
+        replace_folder(temporary, &folder)?;
+        let mut ours = numbered(checkpoints)?;
+        ours.retain(|folder| is_ours(folder));
+        ours.iter().rev().skip(keep).try_for_each(|old| remove_folder(old))
     }
 
     /// Opens the newest checkpoint of a run and verifies it.
     pub fn newest(checkpoints: &Path, robot: &str) -> Result<Self> {
         let newest = numbered(checkpoints)?.pop();
         let folder = newest.ok_or_else(|| broken(checkpoints, "the folder holds no checkpoint".into()))?;
-        Self::open(&folder, robot)
+        let checkpoint = Self::open(&folder, robot)?;
+        let (name, found) = (number_of(&folder), checkpoint.progress.number());
+        if name != Some(found) {
+            let message = format!("it holds number {found}; rename it to {found:08}, or remove it");
+            return Err(broken(&folder, message));
+        }
+        Ok(checkpoint)
     }
 
     /// Opens one checkpoint and verifies it.
     pub fn open(folder: &Path, robot: &str) -> Result<Self> {
+        if fs::symlink_metadata(folder).map_err(io(folder))?.is_symlink() {
+            let message = "it is a symbolic link; put the checkpoint itself in its place";
+            return Err(broken(folder, message.into()));
+        }
         let path = folder.join(MANIFEST);
-        let text = fs::read_to_string(&path)
+        let text = read_text(&path)
             .map_err(|error| broken(&path, format!("it cannot be read ({error}); this is no checkpoint")))?;
         let manifest: Manifest<P> = serde_json::from_str(&text).map_err(|error| {
             broken(&path, format!("it is truncated or foreign ({error}); use an older checkpoint"))
@@ -129,10 +157,28 @@ impl<P: Position> Checkpoint<P> {
                 format!("it belongs to robot `{}`, expected `{robot}`", manifest.robot),
             ));
         }
+        check_names(folder, &manifest.files)?;
         for file in &manifest.files {
             verify(&folder.join(&file.name), file)?;
         }
-        Ok(Self { folder: folder.to_owned(), progress: manifest.progress })
+        Ok(Self { folder: folder.to_owned(), progress: manifest.progress, files: manifest.files })
+    }
+}
+
+/// Only what the manifest lists can be read, and only as it lists it.
+impl<P> Files for Checkpoint<P> {
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    fn read(&self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        let path = self.path(name);
+        let expected = self.files.iter().find(|file| file.name == name);
+        let expected = expected
+            .ok_or_else(|| broken(&path, format!("{MANIFEST} does not list it; use an older checkpoint")))?;
+        let bytes = read_regular(&path, limit).map_err(|error| unreadable(&path, &error))?;
+        expected.check(&path, bytes.len() as u64, crc32fast::hash(&bytes))?;
+        Ok(bytes)
     }
 }
 
@@ -145,27 +191,18 @@ impl Checkpoint {
     /// CRC-32 of the manifest, which lists the CRC-32 of every file: equal for equal checkpoints.
     pub fn fingerprint(&self) -> Result<String> {
         let path = self.folder.join(MANIFEST);
-        fs::read(&path).map(|bytes| format!("{:08x}", crc32fast::hash(&bytes))).map_err(io(&path))
+        let bytes = read_regular(&path, TEXT_BYTES).map_err(io(&path))?;
+        Ok(format!("{:08x}", crc32fast::hash(&bytes)))
     }
 
     /// Reads the learner onto a device. It must have seen observations and taken actions of the same lengths.
     pub fn learner(&self, config: &PpoConfig, sizes: Sizes, device: &Device) -> Result<Ppo> {
-        let ppo = Ppo::load(&self.folder, config, device)?;
-        for (what, got, expected) in [
-            ("length of an observation", ppo.actor_critic().obs_dim(), sizes.obs_dim),
-            ("length of an action", ppo.actor_critic().action_dim(), sizes.action_dim),
-        ] {
-            if got != expected {
-                let (got, expected) = (got.to_string(), expected.to_string());
-                return Err(LearnError::Mismatch { path: self.folder.clone(), what, got, expected });
-            }
-        }
-        Ok(ppo)
+        Ppo::load_for(self, config, Some(sizes), device)
     }
 
     /// Reads the envs and brings those of `engine` into their state; returns the sums over their running episodes.
     pub fn restore_envs(&self, engine: &mut dyn RolloutEngine) -> Result<EpisodeTracker> {
-        let state = EnvState::load(&self.folder)?;
+        let state = EnvState::load(self)?;
         engine
             .restore(&state.envs)
             .map_err(|error| broken(&self.folder, format!("its envs are not those of this run ({error})")))?;
@@ -177,33 +214,74 @@ fn broken(path: &Path, message: String) -> LearnError {
     LearnError::Checkpoint { path: path.to_owned(), message }
 }
 
-fn verify(path: &Path, expected: &FileEntry) -> Result<()> {
-    let advice = "remove this checkpoint to go on from the one before";
-    let bytes =
-        fs::read(path).map_err(|error| broken(path, format!("it cannot be read ({error}); {advice}")))?;
-    if bytes.len() as u64 != expected.bytes {
-        return Err(broken(
-            path,
-            format!("it has {} bytes, expected {}; {advice}", bytes.len(), expected.bytes),
-        ));
-    }
-    let found = crc32fast::hash(&bytes);
-    if found != expected.crc32 {
-        return Err(broken(
-            path,
-            format!("its CRC-32 is {found:08x}, expected {:08x}; {advice}", expected.crc32),
-        ));
-    }
-    Ok(())
+const ADVICE: &str = "remove this checkpoint to go on from the one before";
+
+fn unreadable(path: &Path, error: &std::io::Error) -> LearnError {
+    broken(path, format!("it cannot be read ({error}); {ADVICE}"))
 }
 
-/// Lists the files of a new checkpoint and waits until they are on the disk.
+impl FileEntry {
+    fn check(&self, path: &Path, bytes: u64, crc32: u32) -> Result<()> {
+        if bytes != self.bytes {
+            return Err(broken(path, format!("it has {bytes} bytes, expected {}; {ADVICE}", self.bytes)));
+        }
+        if crc32 != self.crc32 {
+            return Err(broken(
+                path,
+                format!("its CRC-32 is {crc32:08x}, expected {:08x}; {ADVICE}", self.crc32),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Fails unless the folder holds what its manifest lists, and nothing else.
+fn check_names(folder: &Path, files: &[FileEntry]) -> Result<()> {
+    let path = folder.join(MANIFEST);
+    let mut listed = BTreeSet::from([MANIFEST]);
+    for file in files {
+        if !is_file_name(&file.name) {
+            return Err(broken(
+                &path,
+                format!("it lists `{}`, expected names of files in its folder", file.name),
+            ));
+        }
+        if !listed.insert(&file.name) {
+            return Err(broken(&path, format!("it lists `{}` twice", file.name)));
+        }
+    }
+    files::check_names(folder, |name| listed.contains(name)).map_err(|path| {
+        broken(&path, format!("{MANIFEST} does not list it; remove it, or use an older checkpoint"))
+    })
+}
+
+/// Compares a file with what the manifest says of it, without taking it into memory.
+fn verify(path: &Path, expected: &FileEntry) -> Result<()> {
+    let (file, length) = open_regular(path).map_err(|error| unreadable(path, &error))?;
+    if length != expected.bytes {
+        return expected.check(path, length, expected.crc32);
+    }
+    if length > LONGEST {
+        return Err(broken(path, format!("it has {length} bytes, expected at most {LONGEST}; {ADVICE}")));
+    }
+    let (mut hasher, mut file) = (crc32fast::Hasher::new(), file.take(length));
+    let (mut buffer, mut bytes) = (vec![0; 1 << 16], 0);
+    loop {
+        let count = file.read(&mut buffer).map_err(|error| unreadable(path, &error))?;
+        if count == 0 {
+            return expected.check(path, bytes, hasher.finalize());
+        }
+        hasher.update(&buffer[..count]);
+        bytes += count as u64;
+    }
+}
+
+/// Lists the files of a new checkpoint.
 fn list(folder: &Path) -> Result<Vec<FileEntry>> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).map_err(io(folder))? {
         let path = entry.map_err(io(folder))?.path();
-        let bytes = fs::read(&path).map_err(io(&path))?;
-        File::open(&path).and_then(|file| file.sync_all()).map_err(io(&path))?;
+        let bytes = read_regular(&path, LONGEST).map_err(io(&path))?;
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         files.push(FileEntry { name, bytes: bytes.len() as u64, crc32: crc32fast::hash(&bytes) });
     }
@@ -211,96 +289,181 @@ fn list(folder: &Path) -> Result<Vec<FileEntry>> {
     Ok(files)
 }
 
-/// Checkpoint folders in ascending order.
+/// The number that is written as this name; `None` for any other name, such as `1` or `notes`.
+fn number(name: &str) -> Option<u64> {
+    let number = name.parse().ok()?;
+    (format!("{number:08}") == name).then_some(number)
+}
+
+fn number_of(folder: &Path) -> Option<u64> {
+    number(folder.file_name()?.to_str()?)
+}
+
+/// Folders with the names of checkpoints, in ascending order, and links with such names.
 fn numbered(checkpoints: &Path) -> Result<Vec<PathBuf>> {
     if !checkpoints.exists() {
         return Ok(Vec::new());
     }
     let mut found = Vec::new();
     for entry in fs::read_dir(checkpoints).map_err(io(checkpoints))? {
-        let path = entry.map_err(io(checkpoints))?.path();
-        let is_number =
-            path.file_name().is_some_and(|name| name.to_string_lossy().bytes().all(|c| c.is_ascii_digit()));
-        if path.is_dir() && is_number {
-            found.push(path);
+        let entry = entry.map_err(io(checkpoints))?;
+        let kind = entry.file_type().map_err(io(checkpoints))?;
+        if let (false, Some(number)) = (kind.is_file(), number_of(&entry.path())) {
+            found.push((number, entry.path()));
         }
     }
     found.sort();
-    Ok(found)
+    Ok(found.into_iter().map(|(_, path)| path).collect())
 }
 
-fn remove_folder(folder: &Path) -> Result<()> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(folder)(error)),
-        _ => Ok(()),
-    }
-}
-
-/// Makes a rename durable; only Unix can sync a folder.
-fn sync_folder(folder: &Path) -> Result<()> {
-    if cfg!(unix) {
-        File::open(folder).and_then(|file| file.sync_all()).map_err(io(folder))?;
-    }
-    Ok(())
+/// Whether a folder holds files of checkpoints alone.
+fn is_ours(folder: &Path) -> bool {
+    let is_folder = fs::symlink_metadata(folder).is_ok_and(|found| found.is_dir());
+    is_folder
+        && fs::read_dir(folder).is_ok_and(|mut entries| {
+            entries.all(|entry| entry.is_ok_and(|entry| FILES.iter().any(|name| entry.file_name() == **name)))
+        })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn folder(name: &str) -> PathBuf {
-        let path = std::env::temp_dir().join(format!("dappo-checkpoint-{name}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        path
+    use crate::files::faults::{Fault, everywhere};
+    use crate::files::tests::Scratch;
+
+    fn try_write(at: &Path, iteration: u64, content: &str) -> Result<()> {
+        let progress = Progress { iteration, env_steps: iteration * 10, stage: 0 };
+        Checkpoint::write(at, "ant", progress, 2, |folder| {
+            write_new(&folder.join("learner.toml"), content.as_bytes())
+        })
     }
 
     fn write(at: &Path, iteration: u64, content: &str) {
-        let progress = Progress { iteration, env_steps: iteration * 10, stage: 0 };
-        Checkpoint::write(at, "ant", progress, 2, |folder| {
-            write_new(&folder.join("weights"), content.as_bytes())
-        })
-        .unwrap();
+        try_write(at, iteration, content).unwrap();
+    }
+
+    fn newest(at: &Path) -> Result<Checkpoint> {
+        Checkpoint::newest(at, "ant")
     }
 
     #[test]
     fn the_newest_checkpoint_is_found_and_old_ones_go() {
-        let at = folder("newest");
+        let at = Scratch::new();
         for iteration in [1, 2, 3] {
-            write(&at, iteration, "content");
+            write(&at.0, iteration, "content");
         }
-        assert_eq!(Checkpoint::<Progress>::newest(&at, "ant").unwrap().progress.iteration, 3);
-        assert_eq!(numbered(&at).unwrap().len(), 2);
-        fs::remove_dir_all(at).unwrap();
+        assert_eq!(newest(&at.0).unwrap().progress.iteration, 3);
+        assert_eq!(at.names(), ["00000002", "00000003"]);
     }
 
     #[test]
-    fn a_half_written_checkpoint_is_ignored() {
-        let at = folder("half");
-        write(&at, 1, "content");
-        fs::create_dir_all(at.join(TEMPORARY)).unwrap();
-        fs::write(at.join(TEMPORARY).join("weights"), "cont").unwrap();
-        assert_eq!(Checkpoint::<Progress>::newest(&at, "ant").unwrap().progress.iteration, 1);
-        fs::remove_dir_all(at).unwrap();
+    fn a_fault_at_any_call_leaves_a_checkpoint_to_go_on_from_and_nothing_after_the_next() {
+        let calls = everywhere(
+            || {
+                let at = Scratch::new();
+                write(&at.0, 1, "content");
+                write(&at.0, 2, "content");
+                at
+            },
+            |at| try_write(&at.0, 3, "content"),
+            |at, result, fault, call| {
+                let iteration = newest(&at.0).unwrap().progress.iteration;
+                assert!(iteration == 3 || (iteration == 2 && result.is_err()), "{call}: {result:?}");
+                if fault == Fault::Full && iteration == 2 {
+                    assert_eq!(at.names(), ["00000001", "00000002"], "{call}");
+                }
+                write(&at.0, iteration + 1, "content");
+                let expected = [iteration, iteration + 1].map(|number| format!("{number:08}"));
+                assert_eq!(at.names(), expected, "{call}");
+            },
+        );
+        assert!(calls > 10, "{calls}");
+    }
+
+    #[test]
+    fn only_names_of_eight_digits_are_checkpoints_and_foreign_folders_stay() {
+        let at = Scratch::new();
+        let foreign = ["0", "1", "000000004", "00000000", "00000009.old"];
+        for name in foreign {
+            fs::create_dir(at.0.join(name)).unwrap();
+            fs::write(at.0.join(name).join("notes.txt"), "mine").unwrap();
+        }
+        for iteration in [9_999, 100_000_000, 100_000_001, 100_000_002] {
+            write(&at.0, iteration, "content");
+        }
+        let kept = ["100000001", "100000002"];
+        assert_eq!(at.names(), [&["0", "00000000", "000000004", "00000009.old", "1"][..], &kept].concat());
+        for name in foreign {
+            assert_eq!(fs::read(at.0.join(name).join("notes.txt")).unwrap(), b"mine");
+        }
+        assert_eq!(newest(&at.0).unwrap().progress.iteration, 100_000_002);
+        fs::rename(at.0.join("100000002"), at.0.join("100000003")).unwrap();
+        let message = newest(&at.0).unwrap_err().to_string();
+        assert!(message.contains("it holds number 100000002; rename it to 100000002"), "{message}");
     }
 
     #[test]
     fn damaged_and_foreign_checkpoints_are_refused_by_name() {
-        let at = folder("refused");
-        write(&at, 1, "content");
-        let weights = at.join("00000001/weights");
+        let scratch = Scratch::new();
+        let at = &scratch.0;
+        write(at, 1, "content");
+        let file = at.join("00000001/learner.toml");
         let message = |expected_robot: &str| {
-            Checkpoint::<Progress>::newest(&at, expected_robot).unwrap_err().to_string()
+            Checkpoint::<Progress>::newest(at, expected_robot).unwrap_err().to_string()
         };
         assert!(message("hexapod").contains("belongs to robot `ant`"));
-        fs::write(&weights, "conte").unwrap();
-        assert!(message("ant").contains("weights") && message("ant").contains("5 bytes, expected 7"));
-        fs::write(&weights, "consent").unwrap();
+        fs::write(&file, "conte").unwrap();
+        assert!(message("ant").contains("learner.toml") && message("ant").contains("5 bytes, expected 7"));
+        fs::write(&file, "consent").unwrap();
         assert!(message("ant").contains("CRC-32"));
-        fs::remove_file(&weights).unwrap();
-        assert!(message("ant").contains("weights"));
+        fs::remove_file(&file).unwrap();
+        assert!(message("ant").contains("learner.toml"));
         fs::write(at.join("00000001").join(MANIFEST), "{\"format\": \"dap").unwrap();
         assert!(message("ant").contains("truncated or foreign"));
-        fs::remove_dir_all(at).unwrap();
+    }
+
+    #[test]
+    fn names_that_lead_elsewhere_and_files_that_no_manifest_lists_are_refused() {
+        let (scratch, elsewhere) = (Scratch::new(), Scratch::new());
+        let at = &scratch.0;
+        write(at, 1, "content");
+        let folder = at.join("00000001");
+        let manifest = fs::read_to_string(folder.join(MANIFEST)).unwrap();
+        let message = || newest(at).unwrap_err().to_string();
+        for name in ["/dev/zero", "../learner.toml", "..", "x/y", ""] {
+            fs::write(folder.join(MANIFEST), manifest.replace("learner.toml", name)).unwrap();
+            let expected = format!("it lists `{name}`, expected names of files in its folder");
+            assert!(message().contains(&expected), "{}", message());
+        }
+        fs::write(folder.join(MANIFEST), manifest.replace("learner.toml", MANIFEST)).unwrap();
+        assert!(message().contains("twice"), "{}", message());
+        fs::write(folder.join(MANIFEST), &manifest).unwrap();
+        let checkpoint = newest(at).unwrap();
+        assert_eq!(checkpoint.read("learner.toml", 7).unwrap(), b"content");
+        assert!(checkpoint.read("learner.toml", 6).is_err());
+        fs::write(folder.join("envs.bin"), "").unwrap();
+        assert!(message().contains("envs.bin: manifest.json does not list it"), "{}", message());
+        let error = checkpoint.read("envs.bin", 7).unwrap_err().to_string();
+        assert!(error.contains("does not list it"), "{error}");
+        fs::remove_file(folder.join("envs.bin")).unwrap();
+
+        let file = folder.join("learner.toml");
+        fs::rename(&file, elsewhere.0.join("learner.toml")).unwrap();
+        std::os::unix::fs::symlink(elsewhere.0.join("learner.toml"), &file).unwrap();
+        assert!(message().contains("it is a symbolic link"), "{}", message());
+        fs::rename(&folder, elsewhere.0.join("00000001")).unwrap();
+        std::os::unix::fs::symlink(elsewhere.0.join("00000001"), &folder).unwrap();
+        assert!(message().contains("it is a symbolic link"), "{}", message());
+        // Nothing is written where a link leads to.
+        write(at, 2, "content");
+        write(at, 3, "content");
+        write(at, 4, "content");
+        assert_eq!(elsewhere.names(), ["00000001", "learner.toml"]);
+        fs::rename(at, elsewhere.0.join("all")).unwrap();
+        std::os::unix::fs::symlink(elsewhere.0.join("all"), at).unwrap();
+        assert!(try_write(at, 5, "content").unwrap_err().to_string().contains("symbolic link"));
+        assert_eq!(fs::read_dir(elsewhere.0.join("all")).unwrap().count(), 3);
+        fs::remove_file(at).unwrap();
     }
 }

@@ -1,11 +1,12 @@
 //! The folder of a diagnoser's training: `config.toml metrics.jsonl checkpoints/ model/ eval/`.
 
-use std::fs;
+use std::fs::{self, File};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use super::DiagnoserConfig;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{self, io, own_folder, read_text, write_atomically};
 use crate::metrics::MetricsLog;
 
 /// The folder of one training.
@@ -16,8 +17,10 @@ pub struct TrainingFolder {
 
 impl TrainingFolder {
     /// Makes a new folder; refuses one that already holds a training.
-    pub fn create(root: &Path, config: &DiagnoserConfig) -> Result<Self> {
-        let folder = Self { root: root.to_owned() };
+    pub fn create(root: &Path, config: &DiagnoserConfig) -> Result<LockedTraining> {
+        fs::create_dir_all(root).map_err(io(root))?;
+        // Only then is there a look at what it holds: of two processes that begin together, one makes the training.
+        let folder = Self { root: root.to_owned() }.lock()?;
         let path = folder.config_path();
         if path.exists() {
             return Err(LearnError::Invalid(format!(
@@ -25,7 +28,7 @@ impl TrainingFolder {
                 root.display()
             )));
         }
-        fs::create_dir_all(folder.checkpoints()).map_err(io(&folder.checkpoints()))?;
+        own_folder(&folder.checkpoints())?;
         let text = toml::to_string(config).map_err(|error| LearnError::Invalid(error.to_string()))?;
         write_atomically(&path, text.as_bytes())?;
         Ok(folder)
@@ -35,7 +38,7 @@ impl TrainingFolder {
     pub fn open(root: &Path) -> Result<(Self, DiagnoserConfig)> {
         let folder = Self { root: root.to_owned() };
         let path = folder.config_path();
-        let text = fs::read_to_string(&path).map_err(io(&path))?;
+        let text = read_text(&path).map_err(io(&path))?;
         let config: DiagnoserConfig = toml::from_str(&text)
             .map_err(|error| LearnError::Invalid(format!("{}: {error}", path.display())))?;
         config.check()?;
@@ -46,6 +49,17 @@ impl TrainingFolder {
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// Locks the folder for training; refuses one that another process trains in.
+    pub fn lock(self) -> Result<LockedTraining> {
+        let Some(lock) = files::lock(&self.root.join("lock"))? else {
+            return Err(LearnError::Invalid(format!(
+                "a diagnoser is being trained in {} by another process; wait for its end, or choose another folder",
+                self.root.display()
+            )));
+        };
+        Ok(LockedTraining { folder: self, _lock: lock })
     }
 
     fn config_path(&self) -> PathBuf {
@@ -74,5 +88,20 @@ impl TrainingFolder {
     #[must_use]
     pub fn metrics(&self) -> MetricsLog {
         MetricsLog::new(&self.root, "epoch")
+    }
+}
+
+/// A folder that this process alone may train in until it is dropped; the lock of a killed process is gone.
+#[derive(Debug)]
+pub struct LockedTraining {
+    folder: TrainingFolder,
+    _lock: File,
+}
+
+impl Deref for LockedTraining {
+    type Target = TrainingFolder;
+
+    fn deref(&self) -> &TrainingFolder {
+        &self.folder
     }
 }

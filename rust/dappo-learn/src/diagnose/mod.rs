@@ -32,7 +32,7 @@ mod twin;
 
 pub use config::{DiagnoserConfig, Schedule};
 pub use expert::Expert;
-pub use folder::TrainingFolder;
+pub use folder::{LockedTraining, TrainingFolder};
 pub use head::Head;
 pub use method::Method;
 pub use model::{Description, Diagnoser};

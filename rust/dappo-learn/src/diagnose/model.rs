@@ -5,7 +5,6 @@
 //! | `diagnoser.toml` | robot, classes, method, sizes, standardiser, CRC-32 of the weights |
 //! | `weights.bpk` | the weights, as a burnpack record |
 
-use std::fs;
 use std::path::Path;
 
 use burn::module::Module;
@@ -17,14 +16,19 @@ use super::head::{Head, best, probabilities};
 use super::{Method, Standardizer, Subject, Twin, Window};
 use crate::cpu;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{
+    TEXT_BYTES, TemporaryFolder, check_names, io, own_folder, read_regular, read_text, replace_folder,
+    write_new,
+};
 use crate::nn::diagnoser::{DiagnoserNet, DiagnoserSizes};
 use crate::nn::read;
-use crate::records::{load_module, save_module, unreadable};
+use crate::records::{load_module, module_bytes, read_numbers, unreadable};
 
 const FORMAT: &str = "dappo-batch diagnoser 2";
 const HEADER: &str = "diagnoser.toml";
 const WEIGHTS: &str = "weights.bpk";
+/// The widest layer and the longest window: products of a few such numbers can be counted.
+const MOST: usize = 1 << 24;
 /// Windows that go through the network at once.
 const BATCH: usize = 256;
 
@@ -88,19 +92,22 @@ impl Description {
 
     pub(crate) fn check(&self) -> Result<()> {
         self.subject.check()?;
-        self.standardizer.check(self.input_dim())?;
+        let hidden = self.hidden.iter().map(|width| ("hidden", *width));
         for (key, width) in [
             ("timesteps", self.timesteps),
             ("obs_dim", self.obs_dim),
+            ("action_dim", self.action_dim),
             ("embedding", self.embedding),
             ("lstm", self.lstm),
-            ("hidden", self.hidden.iter().copied().min().unwrap_or(1)),
-        ] {
-            if width == 0 {
-                return Err(LearnError::Config { key, got: "0".into(), expected: "at least 1" });
+        ]
+        .into_iter()
+        .chain(hidden)
+        {
+            if !(1..=MOST).contains(&width) {
+                return Err(LearnError::Config { key, got: width.to_string(), expected: "1 to 2^24" });
             }
         }
-        Ok(())
+        self.standardizer.check(self.input_dim())
     }
 }
 
@@ -178,34 +185,32 @@ impl Diagnoser {
         Ok(head.scores(&outputs, &self.targets, subject))
     }
 
-    /// Writes the diagnoser into a folder, which is made if need be.
+    /// Writes the diagnoser as a folder, in place of an earlier one.
     pub fn save(&self, folder: &Path) -> Result<()> {
-        fs::create_dir_all(folder).map_err(io(folder))?;
-        let weights = folder.join(WEIGHTS);
-        let temporary = folder.join("weights.tmp.bpk");
-        save_module(&self.net, &temporary)?;
-        let bytes = fs::read(&temporary).map_err(io(&temporary))?;
+        own_folder(folder)?;
+        let new = TemporaryFolder::create(folder)?;
+        let bytes = module_bytes(&self.net, &folder.join(WEIGHTS))?;
         let header = Header {
             format: FORMAT.into(),
             weights_crc32: checksum(&bytes),
             description: self.description.clone(),
         };
-        let path = folder.join(HEADER);
-        let text = toml::to_string(&header).map_err(|error| unreadable(&path, error))?;
-        fs::rename(&temporary, &weights).map_err(io(&weights))?;
-        write_atomically(&path, text.as_bytes())
+        let text = toml::to_string(&header).map_err(|error| unreadable(&folder.join(HEADER), error))?;
+        write_new(&new.path().join(WEIGHTS), &bytes)?;
+        write_new(&new.path().join(HEADER), text.as_bytes())?;
+        replace_folder(new, folder)
     }
 
     /// CRC-32 of the header in a folder, which holds the CRC-32 of the weights: equal for equal diagnosers.
     pub fn fingerprint(folder: &Path) -> Result<String> {
         let path = folder.join(HEADER);
-        fs::read(&path).map(|bytes| checksum(&bytes)).map_err(io(&path))
+        read_regular(&path, TEXT_BYTES).map(|bytes| checksum(&bytes)).map_err(io(&path))
     }
 
     /// Reads a diagnoser from a folder that [`Diagnoser::save`] wrote.
     pub fn load(folder: &Path) -> Result<Self> {
         let path = folder.join(HEADER);
-        let text = fs::read_to_string(&path).map_err(|error| {
+        let text = read_text(&path).map_err(|error| {
             unreadable(&path, format!("it cannot be read ({error}); this is no folder of a diagnoser"))
         })?;
         let foreign =
@@ -217,8 +222,10 @@ impl Diagnoser {
         }
         let Header { weights_crc32, description, .. } = toml::from_str(&text).map_err(foreign)?;
         description.check().map_err(|error| unreadable(&path, error))?;
+        check_names(folder, |name| [HEADER, WEIGHTS].contains(&name))
+            .map_err(|path| unreadable(&path, "it is no file of a diagnoser; remove it"))?;
         let path = folder.join(WEIGHTS);
-        let bytes = fs::read(&path).map_err(io(&path))?;
+        let bytes = read_numbers(folder, WEIGHTS, description.sizes().numbers())?;
         let found = checksum(&bytes);
         if found != weights_crc32 {
             let message = format!(
@@ -228,7 +235,7 @@ impl Diagnoser {
         }
         // Any weights do, as the record replaces them.
         let net = DiagnoserNet::new(&description.sizes(), 0, &cpu());
-        Ok(Self::new(description, load_module(net, &path)?.valid()))
+        Ok(Self::new(description, load_module(net, &path, bytes)?.valid()))
     }
 }
 

@@ -9,7 +9,7 @@ use super::head::best;
 use super::samples::{Reader, samples};
 use super::{Diagnoser, PairSource};
 use crate::error::{LearnError, Result};
-use crate::files::write_atomically;
+use crate::files::{own_folder, write_atomically};
 
 /// Equally wide bins of confidence.
 const BINS: usize = 10;
@@ -197,6 +197,7 @@ impl Report {
     pub fn write(&self, folder: &Path, stem: &str) -> Result<()> {
         let summary = serde_json::to_string_pretty(&self.summary())
             .map_err(|error| LearnError::Invalid(error.to_string()))?;
+        own_folder(folder)?;
         for (name, text) in [
             ("classes.csv", self.class_table()),
             ("confusion.csv", self.confusion_table()),

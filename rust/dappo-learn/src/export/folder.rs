@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
@@ -10,9 +10,14 @@ use sha2::{Digest, Sha256};
 use super::header::{FORMAT, FileHeader, Header};
 use super::unusable;
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_new};
+use crate::files::{
+    TemporaryFolder, check_names, folder_of, io, is_file_name, read_regular, read_text, replace_folder,
+    write_new,
+};
 
 const HEADER: &str = "export.json";
+/// The longest file that is read, bytes: far above any network of a controller.
+const LONGEST: u64 = 1 << 32;
 
 /// What a file is known by.
 pub(super) fn fingerprint(bytes: &[u8]) -> FileHeader {
@@ -25,7 +30,7 @@ pub(super) fn fingerprint(bytes: &[u8]) -> FileHeader {
 
 /// An export that is written but not yet where it belongs. It vanishes unless it is [committed](Staged::commit).
 pub struct Staged {
-    folder: PathBuf,
+    folder: TemporaryFolder,
     out: PathBuf,
 }
 
@@ -36,68 +41,58 @@ impl Staged {
             Err(error) => error.kind() == std::io::ErrorKind::NotFound && out.file_name().is_some(),
             Ok(mut entries) => entries.next().is_none() || format_of(out).is_some(),
         };
-        if is_free {
-            return Ok(());
+        if !is_free {
+            return Err(LearnError::Invalid(format!(
+                "{} is neither new nor an export that could be replaced; choose another folder",
+                out.display()
+            )));
         }
-        Err(LearnError::Invalid(format!(
-            "{} is neither new nor an export that could be replaced; choose another folder",
-            out.display()
-        )))
+        let foreign = header_of(out).and_then(|header| {
+            let files =
+                header.get("files").and_then(serde_json::Value::as_object).cloned().unwrap_or_default();
+            check_names(out, |name| name == HEADER || files.contains_key(name)).err()
+        });
+        foreign.map_or(Ok(()), |path| {
+            Err(LearnError::Invalid(format!(
+                "{} is no file of the export that would be replaced; move it away, or choose another folder",
+                path.display()
+            )))
+        })
     }
 
     /// Writes the files and the header into a folder beside `out`, and waits until they are on the disk.
     pub(super) fn write(out: &Path, header: &Header, files: &BTreeMap<String, Vec<u8>>) -> Result<Self> {
         Self::check(out)?;
         let out = std::path::absolute(out).map_err(io(out))?;
-        let staged = Self { folder: beside(&out, "new"), out };
-        remove(&staged.folder)?;
-        fs::create_dir_all(&staged.folder).map_err(io(&staged.folder))?;
+        let parent = folder_of(&out);
+        fs::create_dir_all(parent).map_err(io(parent))?;
+        let folder = TemporaryFolder::create(&out)?;
         for (name, bytes) in files {
-            write_new(&staged.folder.join(name), bytes)?;
+            write_new(&folder.path().join(name), bytes)?;
         }
         let text = serde_json::to_string_pretty(header)
-            .map_err(|error| unusable(&staged.folder, error.to_string()))?;
-        write_new(&staged.folder.join(HEADER), (text + "\n").as_bytes())?;
-        sync(&staged.folder)?;
-        Ok(staged)
+            .map_err(|error| unusable(folder.path(), error.to_string()))?;
+        write_new(&folder.path().join(HEADER), (text + "\n").as_bytes())?;
+        Ok(Self { folder, out })
     }
 
     /// Where the export lies until it is committed.
     #[must_use]
     pub fn folder(&self) -> &Path {
-        &self.folder
+        self.folder.path()
     }
 
     /// Puts the export where it belongs, in place of an earlier one.
     pub fn commit(self) -> Result<()> {
         Self::check(&self.out)?;
-        let parent = self.out.parent().unwrap_or(&self.out);
-        // After an exchange the old export has the temporary name, and goes when `self` does.
-        if format_of(&self.out).is_some() && exchange(&self.folder, &self.out) {
-            return sync(parent);
-        }
-        let old = beside(&self.out, "old");
-        remove(&old)?;
-        if self.out.exists() {
-            fs::rename(&self.out, &old).map_err(io(&self.out))?;
-        }
-        fs::rename(&self.folder, &self.out).map_err(io(&self.out))?;
-        remove(&old)?;
-        sync(parent)
-    }
-}
-
-impl Drop for Staged {
-    fn drop(&mut self) {
-        // What cannot be removed now is removed by the next export.
-        let _ = remove(&self.folder);
+        replace_folder(self.folder, &self.out)
     }
 }
 
 /// Reads the header of an export and checks every file that it names.
 pub(super) fn open(folder: &Path) -> Result<Header> {
     let path = folder.join(HEADER);
-    let text = fs::read_to_string(&path).map_err(|error| {
+    let text = read_text(&path).map_err(|error| {
         unusable(&path, format!("it cannot be read ({error}); `dappo-batch export` makes such a folder"))
     })?;
     let found = format_of(folder).unwrap_or_else(|| "missing".into());
@@ -106,6 +101,11 @@ pub(super) fn open(folder: &Path) -> Result<Header> {
     }
     let header: Header = serde_json::from_str(&text)
         .map_err(|error| unusable(&path, format!("it is broken or foreign ({error})")))?;
+    if let Some(name) = header.files.keys().find(|name| !is_file_name(name)) {
+        return Err(unusable(&path, format!("it lists `{name}`, expected names of files in its folder")));
+    }
+    check_names(folder, |name| name == HEADER || header.files.contains_key(name))
+        .map_err(|path| unusable(&path, format!("{HEADER} does not list it; remove it, or export again")))?;
     for name in header.files.keys() {
         read(folder, &header, name)?;
     }
@@ -117,7 +117,7 @@ pub(super) fn read(folder: &Path, header: &Header, name: &str) -> Result<Vec<u8>
     let path = folder.join(name);
     let expected =
         header.files.get(name).ok_or_else(|| unusable(&path, "the export does not list it".into()))?;
-    let bytes = fs::read(&path)
+    let bytes = read_regular(&path, expected.bytes.min(LONGEST))
         .map_err(|error| unusable(&path, format!("it cannot be read ({error}); export again")))?;
     let found = fingerprint(&bytes);
     if found != *expected {
@@ -130,43 +130,13 @@ pub(super) fn read(folder: &Path, header: &Header, name: &str) -> Result<Vec<u8>
     Ok(bytes)
 }
 
+fn header_of(folder: &Path) -> Option<serde_json::Value> {
+    serde_json::from_str(&read_text(&folder.join(HEADER)).ok()?).ok()
+}
+
 /// What the header says it is, if there is one.
 fn format_of(folder: &Path) -> Option<String> {
-    let text = fs::read_to_string(folder.join(HEADER)).ok()?;
-    let header: serde_json::Value = serde_json::from_str(&text).ok()?;
+    let header = header_of(folder)?;
     let format = header.get("format")?.as_str()?;
     format.starts_with("dappo-batch export").then(|| format.to_owned())
-}
-
-/// A hidden neighbour of a folder.
-fn beside(folder: &Path, what: &str) -> PathBuf {
-    let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    folder.with_file_name(format!(".{name}.{what}.tmp"))
-}
-
-fn remove(folder: &Path) -> Result<()> {
-    match fs::remove_dir_all(folder) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(io(folder)(error)),
-        _ => Ok(()),
-    }
-}
-
-/// Lets two folders change their names in one step, where the system can do that.
-#[cfg(target_os = "linux")]
-fn exchange(one: &Path, other: &Path) -> bool {
-    use rustix::fs::{CWD, RenameFlags, renameat_with};
-    renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE).is_ok()
-}
-
-#[cfg(not(target_os = "linux"))]
-fn exchange(_: &Path, _: &Path) -> bool {
-    false
-}
-
-/// Makes what a folder holds durable; only Unix can sync a folder.
-fn sync(folder: &Path) -> Result<()> {
-    if cfg!(unix) {
-        File::open(folder).and_then(|file| file.sync_all()).map_err(io(folder))?;
-    }
-    Ok(())
 }

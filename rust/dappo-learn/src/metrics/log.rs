@@ -1,7 +1,6 @@
 //! The files that metrics are written to.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -10,9 +9,11 @@ use serde::Serialize;
 use super::line::Line;
 use super::{csv, events};
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{append, io, read_regular, write_atomically};
 
 const JSON_LINES: &str = "metrics.jsonl";
+/// Far above the lines of any training, bytes.
+const LONGEST: u64 = 1 << 30;
 /// Whatever can be made again from the lines.
 const COPIES: [Copy; 2] = [
     Copy { file: "metrics.csv", header: csv::header, row: |line, _| csv::row(line) },
@@ -82,7 +83,7 @@ impl MetricsLog {
         }
         let path = self.path(JSON_LINES);
         // A line cut short may end inside a character.
-        let bytes = fs::read(&path).map_err(io(&path))?;
+        let bytes = read_regular(&path, LONGEST).map_err(io(&path))?;
         let text = String::from_utf8_lossy(&bytes);
         let is_kept = |line: &Line| line.count(key).is_some_and(|number| number <= last);
         let kept = text.lines().filter_map(|text| Some((text, Line::parse(text).filter(is_kept)?)));
@@ -99,12 +100,6 @@ impl MetricsLog {
     fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
-}
-
-fn append(path: &Path, bytes: &[u8]) -> Result<File> {
-    let mut file = OpenOptions::new().create(true).append(true).open(path).map_err(io(path))?;
-    file.write_all(bytes).map_err(io(path))?;
-    Ok(file)
 }
 
 #[cfg(test)]

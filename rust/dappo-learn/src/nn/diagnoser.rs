@@ -24,6 +24,21 @@ pub struct DiagnoserSizes {
     pub outputs: usize,
 }
 
+impl DiagnoserSizes {
+    /// Numbers of a network of these widths; `None` if they cannot be counted.
+    #[must_use]
+    pub fn numbers(&self) -> Option<usize> {
+        let layer = |inputs: usize, outputs: usize| inputs.checked_add(1)?.checked_mul(outputs);
+        let gates = self.lstm.checked_mul(4)?;
+        let recurrent = self.lstm.checked_mul(gates)?;
+        let widths = [&[self.lstm], self.hidden.as_slice(), &[self.outputs]].concat();
+        [layer(self.inputs, self.embedding), layer(self.embedding, gates), Some(recurrent)]
+            .into_iter()
+            .chain(widths.windows(2).map(|pair| layer(pair[0], pair[1])))
+            .try_fold(0_usize, |sum, numbers| sum.checked_add(numbers?))
+    }
+}
+
 /// A linear embedding of every time step, an LSTM, dense layers with `ReLU` and dropout, a linear head.
 #[derive(Module, Debug)]
 pub struct DiagnoserNet {
@@ -112,6 +127,8 @@ mod tests {
         assert_ne!(output(&make(1), &[]), output(&make(2), &[]));
         // 3·8 + 8 + 8·16 + 16 + 4·16 of the LSTM, 4·6 + 6 + 6·5 + 5 of the dense layers, 5·2 + 2 of the head.
         assert_eq!(make(1).num_params(), 240 + 65 + 12);
+        assert_eq!(sizes().numbers(), Some(240 + 65 + 12));
+        assert_eq!(DiagnoserSizes { lstm: usize::MAX / 2, ..sizes() }.numbers(), None);
     }
 
     #[test]

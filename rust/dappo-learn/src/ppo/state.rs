@@ -21,10 +21,12 @@ use super::batch::ValueBatch;
 use super::loss::Adaptation;
 use super::{Ppo, PpoConfig, adam};
 use crate::cpu;
+use crate::envs::Sizes;
 use crate::error::{LearnError, Result};
+use crate::files::{Files, TEXT_BYTES, write_new};
 use crate::nn::{ActorCritic, read};
 use crate::normalizer::Normalizer;
-use crate::records::{load_module, load_optimizer, save_module, save_optimizer, unreadable};
+use crate::records::{load_module, load_optimizer, read_numbers, save_module, save_optimizer, unreadable};
 
 const FORMAT: u32 = 1;
 const LEARNER: &str = "learner.toml";
@@ -72,7 +74,7 @@ impl ValueBatchRecord {
 }
 
 impl Ppo {
-    /// Writes everything that the learner owns into the existing directory `dir`.
+    /// Writes everything that the learner owns into the directory `dir`, which has none of its files yet.
     pub fn save(&self, dir: &Path) -> Result<()> {
         let header = Header {
             format: FORMAT,
@@ -87,7 +89,7 @@ impl Ppo {
         };
         let path = dir.join(LEARNER);
         let text = toml::to_string(&header).map_err(|error| unreadable(&path, error))?;
-        std::fs::write(&path, text).map_err(|source| LearnError::Io { path, source })?;
+        write_new(&path, text.as_bytes())?;
         save_module(&self.actor_critic.policy, &dir.join(POLICY))?;
         save_module(&self.actor_critic.value, &dir.join(VALUE))?;
         save_optimizer(&self.policy_optimizer, &dir.join(POLICY_ADAM))?;
@@ -100,25 +102,31 @@ impl Ppo {
     /// Reads a learner from a directory that [`Ppo::save`] wrote. Settings other than `hidden` may differ
     /// from those it was saved with.
     pub fn load(dir: &Path, config: &PpoConfig, device: &Device) -> Result<Self> {
+        Self::load_for(dir, config, None, device)
+    }
+
+    /// The same from any folder. The learner must have seen observations and taken actions of these lengths.
+    pub(crate) fn load_for<F: Files + ?Sized>(
+        files: &F,
+        config: &PpoConfig,
+        sizes: Option<Sizes>,
+        device: &Device,
+    ) -> Result<Self> {
         config.check()?;
-        let header = read_header(dir)?;
-        let path = dir.join(LEARNER);
-        if header.hidden != config.hidden {
-            let (got, expected) = (format!("{:?}", header.hidden), format!("{:?}", config.hidden));
-            return Err(LearnError::Mismatch { path, what: "hidden", got, expected });
-        }
+        let header = read_header(files, config, sizes)?;
+        let path = files.path(LEARNER);
         let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
         let device = device.clone().autodiff();
-        let actor_critic = read_networks(dir, &header, &device)?;
-        let previous = read_value_batch(dir, &header)?;
+        let actor_critic = read_networks(files, &header, &device)?;
+        let previous = read_value_batch(files, &header)?;
         Ok(Self {
             config: config.clone(),
             device,
             seed,
             updates: header.updates,
+            policy_optimizer: load_optimizer(adam(), &actor_critic.policy, files, POLICY_ADAM)?,
+            value_optimizer: load_optimizer(adam(), &actor_critic.value, files, VALUE_ADAM)?,
             actor_critic,
-            policy_optimizer: load_optimizer(adam(), &dir.join(POLICY_ADAM))?,
-            value_optimizer: load_optimizer(adam(), &dir.join(VALUE_ADAM))?,
             adaptation: header.adaptation,
             normalizer: header.normalizer,
             previous,
@@ -126,41 +134,73 @@ impl Ppo {
     }
 }
 
-fn read_header(dir: &Path) -> Result<Header> {
-    let path = dir.join(LEARNER);
+/// Reads the header and checks it: what follows takes as much memory as it says.
+fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<Sizes>) -> Result<Header> {
+    let path = files.path(LEARNER);
     let text =
-        std::fs::read_to_string(&path).map_err(|source| LearnError::Io { path: path.clone(), source })?;
+        String::from_utf8(files.read(LEARNER, TEXT_BYTES)?).map_err(|error| unreadable(&path, error))?;
     let header: Header = toml::from_str(&text).map_err(|error| unreadable(&path, error))?;
+    header.normalizer.check().map_err(|error| unreadable(&path, error))?;
+    let mismatch = |what, got, expected| LearnError::Mismatch { path: path.clone(), what, got, expected };
+    if header.hidden != config.hidden {
+        return Err(mismatch("hidden", format!("{:?}", header.hidden), format!("{:?}", config.hidden)));
+    }
+    let code_length = header.normalizer.code_length();
+    let known =
+        sizes.unwrap_or(Sizes { obs_dim: header.obs_dim, code_length, action_dim: header.action_dim });
     for (what, got, expected) in [
         ("format", header.format as usize, FORMAT as usize),
+        ("length of an observation", header.obs_dim, known.obs_dim),
+        ("length of an action", header.action_dim, known.action_dim),
+        ("length of the damage code", code_length, known.code_length),
         ("length of the normaliser", header.normalizer.obs_dim(), header.obs_dim),
     ] {
         if got != expected {
-            let (got, expected) = (got.to_string(), expected.to_string());
-            return Err(LearnError::Mismatch { path, what, got, expected });
+            return Err(mismatch(what, got.to_string(), expected.to_string()));
         }
+    }
+    let Adaptation { kl_coef, lr_factor } = header.adaptation;
+    for (what, value) in [("kl_coef", kl_coef), ("lr_factor", lr_factor)] {
+        if !(value.is_finite() && value > 0.0) {
+            return Err(unreadable(&path, format!("{what} is {value}, expected a finite number above 0")));
+        }
+    }
+    if header.obs_dim == 0 || header.action_dim == 0 {
+        return Err(unreadable(&path, "an observation or an action has length 0, expected at least 1"));
     }
     Ok(header)
 }
 
-fn read_networks(dir: &Path, header: &Header, device: &Device) -> Result<ActorCritic> {
+/// Numbers of a net with these widths.
+fn parameters(widths: &[usize]) -> Option<usize> {
+    let layer = |pair: &[usize]| pair[0].checked_add(1)?.checked_mul(pair[1]);
+    widths.windows(2).map(layer).try_fold(0_usize, |sum, numbers| sum.checked_add(numbers?))
+}
+
+fn read_networks<F: Files + ?Sized>(files: &F, header: &Header, device: &Device) -> Result<ActorCritic> {
     let Header { obs_dim, action_dim, hidden, .. } = header;
+    let widths = |outputs: usize| [&[*obs_dim], hidden.as_slice(), &[outputs]].concat();
+    let numbers = parameters(&widths(*action_dim)).and_then(|numbers| numbers.checked_add(*action_dim));
+    let policy_file = read_numbers(files, POLICY, numbers)?;
+    let value_file = read_numbers(files, VALUE, parameters(&widths(1)))?;
     // Any weights do, as the records replace them.
     let mut filler = Stream::new(0, 0, Purpose::Weights);
     let ActorCritic { policy, value } =
         ActorCritic::new(*obs_dim, hidden, *action_dim, 0.0, &mut || filler.normal(), device);
     Ok(ActorCritic {
-        policy: load_module(policy, &dir.join(POLICY))?,
-        value: load_module(value, &dir.join(VALUE))?,
+        policy: load_module(policy, &files.path(POLICY), policy_file)?,
+        value: load_module(value, &files.path(VALUE), value_file)?,
     })
 }
 
-fn read_value_batch(dir: &Path, header: &Header) -> Result<Option<ValueBatch>> {
+fn read_value_batch<F: Files + ?Sized>(files: &F, header: &Header) -> Result<Option<ValueBatch>> {
     let rows = header.value_batch_rows;
     if rows == 0 {
         return Ok(None);
     }
+    let numbers = header.obs_dim.checked_add(1).and_then(|width| width.checked_mul(rows));
+    let bytes = read_numbers(files, VALUE_BATCH, numbers)?;
     let filler = ValueBatchRecord::of(&vec![0.0; rows * header.obs_dim], &vec![0.0; rows]);
-    let record = load_module(filler, &dir.join(VALUE_BATCH))?;
+    let record = load_module(filler, &files.path(VALUE_BATCH), bytes)?;
     Ok(Some(ValueBatch { obs: read(record.obs.val())?, returns: read(record.returns.val())? }))
 }

@@ -142,7 +142,7 @@ fn start(config: &DiagnoserConfig, source: &Synthetic, at: &Path, watch: &mut Wa
 
 fn go_on(config: &DiagnoserConfig, source: &Synthetic, at: &Path, watch: &mut Watch) -> Result<Outcome> {
     let (folder, _) = TrainingFolder::open(at)?;
-    train(config, &source.subject, source, &folder, true, watch)
+    train(config, &source.subject, source, &folder.lock()?, true, watch)
 }
 
 /// Probabilities of the windows of some rollouts, to the bit.

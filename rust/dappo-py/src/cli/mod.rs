@@ -16,6 +16,8 @@ pub mod settings;
 mod signals;
 mod train;
 
+use std::ffi::{OsStr, OsString};
+
 use clap::Parser;
 use clap::error::ErrorKind;
 use pyo3::prelude::*;
@@ -30,7 +32,7 @@ const INTERRUPTED: i32 = 130;
 /// Runs the command line and returns its exit code.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
-pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
+pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
     let cli = match parse(&argv) {
         Ok(cli) => cli,
         Err(error) => {
@@ -47,12 +49,14 @@ pub fn run_cli(py: Python<'_>, argv: Vec<String>) -> i32 {
 }
 
 /// Reads a command line, without the program's name.
-pub fn parse(argv: &[String]) -> Result<Cli, clap::Error> {
-    Cli::try_parse_from(std::iter::once("dappo-batch").chain(argv.iter().map(String::as_str)))
+pub fn parse(argv: &[OsString]) -> Result<Cli, clap::Error> {
+    Cli::try_parse_from(
+        std::iter::once(OsStr::new("dappo-batch")).chain(argv.iter().map(OsString::as_os_str)),
+    )
 }
 
 /// Runs a command; returns its exit code.
-pub fn run(py: Python<'_>, cli: &Cli, argv: &[String], caller: &Caller) -> PyResult<i32> {
+pub fn run(py: Python<'_>, cli: &Cli, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     match &cli.command {
         Command::Train(arguments) => train::run(py, arguments, argv, caller),
         Command::Evaluate(arguments) => evaluate::run(py, arguments, caller),

@@ -1,5 +1,6 @@
 //! `dappo-batch train`.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -22,7 +23,7 @@ use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::warp;
 
-pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[String], caller: &Caller) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
         let (run, config) = reopen(folder, arguments)?;
         (config, Some(run))
@@ -99,7 +100,7 @@ fn create(
     arguments: &TrainArgs,
     config: &Config,
     factory: &TableFactory,
-    argv: &[String],
+    argv: &[OsString],
     threads: usize,
 ) -> PyResult<LockedRun> {
     // A run that could not begin, or could not enter a later stage, leaves no folder behind.
@@ -117,7 +118,9 @@ fn create(
         reward: factory.reward_name(config),
         threads,
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
-        command: std::iter::once("dappo-batch".to_owned()).chain(argv.iter().cloned()).collect(),
+        command: std::iter::once("dappo-batch".to_owned())
+            .chain(argv.iter().map(|text| text.to_string_lossy().into()))
+            .collect(),
     };
     RunFolder::create(&root, config, &meta).map_err(|error| from_learn(&error))
 }

@@ -8,10 +8,12 @@ use serde::{Deserialize, Serialize};
 use super::npy::Field;
 use crate::diagnose::{Preset, Subject, Timing, Twin};
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{io, read_text, write_atomically};
 
 const FORMAT: &str = "dappo-batch pairs 1";
 const FILE: &str = "dataset.json";
+/// The largest record, bytes: far above those of any robot.
+const LARGEST_RECORD: u64 = 1 << 32;
 
 /// Which policy it was.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -74,7 +76,7 @@ impl Header {
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let bad = |message: String| LearnError::Dataset { path: path.clone(), message };
-        let text = fs::read_to_string(&path).map_err(|error| {
+        let text = read_text(&path).map_err(|error| {
             bad(format!("it cannot be read ({error}); `dappo-batch diagnose collect` makes such a folder"))
         })?;
         let header: Self = serde_json::from_str(&text)
@@ -82,12 +84,38 @@ impl Header {
         if header.format != FORMAT {
             return Err(bad(format!("its format is `{}`, expected `{FORMAT}`", header.format)));
         }
+        header.check().map_err(bad)?;
         Ok(header)
+    }
+
+    /// Fails unless there can be records of these sizes.
+    fn check(&self) -> std::result::Result<(), String> {
+        self.subject.check().map_err(|error| error.to_string())?;
+        self.timing.check().map_err(|error| error.to_string())?;
+        let sizes =
+            [("timesteps", self.timesteps), ("obs_dim", self.obs_dim), ("action_dim", self.action_dim)];
+        if let Some((name, _)) = sizes.iter().find(|(_, size)| *size == 0) {
+            return Err(format!("{name} is 0, expected at least 1"));
+        }
+        // At most two observations and an action a step of 4 bytes each, and some bytes for the rest.
+        let [steps, obs, action] = sizes.map(|(_, size)| size as u64);
+        let numbers = obs.checked_mul(2).and_then(|numbers| numbers.checked_add(action));
+        let bytes = numbers.and_then(|numbers| numbers.checked_mul(steps)?.checked_add(16)?.checked_mul(4));
+        let record = bytes.and_then(|bytes| bytes.checked_mul(self.subject.classes() as u64));
+        if record.is_some_and(|bytes| bytes <= LARGEST_RECORD) {
+            return Ok(());
+        }
+        Err(format!(
+            "a record of {} classes, {steps} steps, observations of {obs} and actions of {action} numbers has more \
+             than {LARGEST_RECORD} bytes; record fewer steps",
+            self.subject.classes()
+        ))
     }
 
     /// Writes the header into a folder that has none; fails if the folder holds records of another kind.
     pub fn write_or_match(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);
+        self.check().map_err(|message| LearnError::Dataset { path: path.clone(), message })?;
         if !path.exists() {
             fs::create_dir_all(folder).map_err(io(folder))?;
             return write_atomically(&path, self.to_json()?.as_bytes());
@@ -110,8 +138,12 @@ impl Header {
         serde_json::to_string_pretty(self).map_err(|error| LearnError::Invalid(error.to_string()))
     }
 
+    /// All that decides what the records are: a policy is the same wherever its run folder lies.
     fn entries(&self) -> Result<serde_json::Map<String, serde_json::Value>> {
-        match serde_json::to_value(self) {
+        let mut header = self.clone();
+        header.expert.run.clear();
+        header.walker.run.clear();
+        match serde_json::to_value(&header) {
             Ok(serde_json::Value::Object(entries)) => Ok(entries),
             other => Err(LearnError::Invalid(format!("cannot write the header: {other:?}"))),
         }

@@ -61,6 +61,24 @@ pub(super) fn header(fields: &[Field], count: usize) -> Vec<u8> {
     bytes
 }
 
+/// Whether a file ends where a process ended before it had written its first header: all that there is, is a piece of
+/// the header of no records, and perhaps the zeros of a file that was given its length first.
+pub(super) fn is_unfinished(fields: &[Field], bytes: &[u8]) -> bool {
+    let whole = header(fields, 0);
+    let same = bytes.iter().zip(&whole).take_while(|(one, other)| one == other).count();
+    bytes.len() <= HEADER_BYTES && same < HEADER_BYTES && bytes[same..].iter().all(|byte| *byte == 0)
+}
+
+/// Whether the header is one of these fields but for the number of records, which a process was about to replace when
+/// it ended.
+pub(super) fn is_torn(fields: &[Field], bytes: &[u8]) -> bool {
+    let mut begin = MAGIC.to_vec();
+    begin.extend(((HEADER_BYTES - MAGIC.len() - 2) as u16).to_le_bytes());
+    begin.extend(description(fields).into_bytes());
+    let rest = bytes.get(..HEADER_BYTES).and_then(|bytes| bytes.strip_prefix(&begin[..]));
+    rest.is_some_and(|rest| rest.iter().all(|byte| b"0123456789,)} \n".contains(byte)))
+}
+
 /// The number of records, if the header is one of these fields.
 pub(super) fn count(fields: &[Field], bytes: &[u8]) -> Option<usize> {
     let text = bytes.get(MAGIC.len() + 2..HEADER_BYTES).and_then(|text| std::str::from_utf8(text).ok())?;
@@ -81,5 +99,31 @@ mod tests {
         assert_eq!(count(&[Field::f32("a", &[3, 3]), Field::u32("b", &[])], &bytes), None);
         assert_eq!(count(&fields, &bytes[..100]), None);
         assert_eq!(count(&fields, &[0; HEADER_BYTES]), None);
+    }
+
+    #[test]
+    fn what_a_kill_leaves_of_a_header_is_told_from_what_is_foreign() {
+        let fields = [Field::f32("a", &[3, 2]), Field::u32("b", &[])];
+        let whole = header(&fields, 0);
+        for length in [0, 1, 100, HEADER_BYTES] {
+            for written in [0, 1, 100, HEADER_BYTES - 1] {
+                let mut bytes = whole[..written.min(length)].to_vec();
+                bytes.resize(length, 0);
+                assert!(is_unfinished(&fields, &bytes), "{length} bytes, {written} of the header");
+            }
+        }
+        for foreign in [&whole[..], &[1; 20], &[0; HEADER_BYTES + 1], b"\x93NUMPY\x01\x00\x00"] {
+            assert!(!is_unfinished(&fields, foreign), "{foreign:?}");
+        }
+        // 9 records become 10: the new header reaches any byte, and the old one follows.
+        let (old, new) = (header(&fields, 9), header(&fields, 10));
+        for at in 0..=HEADER_BYTES {
+            let bytes = [&new[..at], &old[at..]].concat();
+            assert!(is_torn(&fields, &bytes), "{at}");
+        }
+        assert!(!is_torn(&[Field::f32("a", &[3, 3]), Field::u32("b", &[])], &old));
+        assert!(!is_torn(&fields, &[0; HEADER_BYTES]));
+        let foreign = [&old[..HEADER_BYTES - 1], b"x"].concat();
+        assert!(!is_torn(&fields, &foreign) && !is_torn(&fields, &old[..100]));
     }
 }

@@ -9,7 +9,10 @@ use super::npy::HEADER_BYTES;
 use super::part::count_records;
 use crate::diagnose::{PairSource, Twin, Window};
 use crate::error::{LearnError, Result};
-use crate::files::io;
+use crate::files::{io, open_regular};
+
+/// The most windows that a dataset is divided into for training: a list of them has 4 GiB.
+const MOST_WINDOWS: usize = 1 << 28;
 
 /// A file of records.
 struct Shelf {
@@ -43,7 +46,7 @@ impl Dataset {
         shelves.retain(|shelf| shelf.count > 0);
         shelves.sort_by_key(|shelf| shelf.first);
         for pair in shelves.windows(2) {
-            if pair[0].first + pair[0].count > pair[1].first {
+            if pair[0].first.saturating_add(pair[0].count) > pair[1].first {
                 return Err(LearnError::Dataset {
                     path: pair[1].path.clone(),
                     message: format!(
@@ -55,7 +58,16 @@ impl Dataset {
                 });
             }
         }
-        let rollouts = shelves.iter().map(|shelf| shelf.count).sum();
+        let rollouts = shelves.iter().fold(0_usize, |sum, shelf| sum.saturating_add(shelf.count));
+        if rollouts > MOST_WINDOWS / header.subject.classes() {
+            return Err(LearnError::Dataset {
+                path: folder.to_owned(),
+                message: format!(
+                    "it holds {rollouts} rollouts of {} classes, expected at most {MOST_WINDOWS} windows",
+                    header.subject.classes()
+                ),
+            });
+        }
         if rollouts == 0 {
             return Err(LearnError::Dataset {
                 path: folder.to_owned(),
@@ -166,20 +178,8 @@ impl PairSource for Dataset {
 
 impl Shelf {
     fn open(path: PathBuf, header: &Header, first: usize) -> Result<Self> {
-        let file = File::open(&path).map_err(io(&path))?;
-        let count = count_records(&path, &file, &header.fields())?;
-        let (got, expected) = (
-            file.metadata().map_err(io(&path))?.len(),
-            HEADER_BYTES as u64 + count as u64 * header.record_bytes(),
-        );
-        if got < expected {
-            return Err(LearnError::Dataset {
-                path,
-                message: format!(
-                    "it has {got} bytes, expected {expected}; it was truncated after it was written"
-                ),
-            });
-        }
+        let (file, _) = open_regular(&path).map_err(io(&path))?;
+        let count = count_records(&path, &file, &header.fields(), header.record_bytes())?;
         Ok(Self { path, file, first, count })
     }
 }

@@ -4,7 +4,6 @@ mod grid;
 mod paper;
 mod table;
 
-use std::fs;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -15,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::train::{EpochMetrics, EpochProgress, Observer, train};
 use super::{DiagnoserConfig, PairSource, Subject, TrainingFolder};
 use crate::error::{LearnError, Result};
-use crate::files::{io, write_atomically};
+use crate::files::{io, own_folder, read_text, remove_folder, write_atomically};
 
 pub use grid::{Cell, Grid};
 pub use paper::{PaperResult, paper_result};
@@ -130,6 +129,7 @@ fn run_cell(
     root: &Path,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Option<CellResult>> {
+    own_folder(root)?;
     let path = root.join("result.json");
     if path.exists() {
         return read_result(&path, config, root).map(Some);
@@ -138,7 +138,7 @@ fn run_cell(
     let folder = if resume {
         let (folder, earlier) = TrainingFolder::open(root)?;
         check_same(&earlier, config, root)?;
-        folder
+        folder.lock()?
     } else {
         TrainingFolder::create(root, config)?
     };
@@ -163,14 +163,14 @@ fn run_cell(
     write_atomically(&path, text.as_bytes())?;
     // The model stays; nobody will go on with this training.
     let checkpoints = folder.checkpoints();
-    fs::remove_dir_all(&checkpoints).map_err(io(&checkpoints))?;
+    remove_folder(&checkpoints)?;
     Ok(Some(result))
 }
 
 fn read_result(path: &Path, config: &DiagnoserConfig, root: &Path) -> Result<CellResult> {
     let (_, earlier) = TrainingFolder::open(root)?;
     check_same(&earlier, config, root)?;
-    let text = fs::read_to_string(path).map_err(io(path))?;
+    let text = read_text(path).map_err(io(path))?;
     serde_json::from_str(&text)
         .map_err(|error| LearnError::Invalid(format!("{}: {error}; remove its folder", path.display())))
 }

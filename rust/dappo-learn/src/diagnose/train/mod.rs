@@ -6,7 +6,7 @@ mod session;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Diagnoser, DiagnoserConfig, PairSource, Subject, TrainingFolder};
+use super::{Diagnoser, DiagnoserConfig, LockedTraining, PairSource, Subject};
 use crate::checkpoint::Checkpoint;
 use crate::error::Result;
 use session::Session;
@@ -90,7 +90,7 @@ pub fn train(
     config: &DiagnoserConfig,
     subject: &Subject,
     source: &dyn PairSource,
-    folder: &TrainingFolder,
+    folder: &LockedTraining,
     resume: bool,
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {

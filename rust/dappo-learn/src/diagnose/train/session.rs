@@ -21,10 +21,10 @@ use crate::diagnose::{
     Diagnoser, DiagnoserConfig, PairSource, Sample, Split, Standardizer, Subject, TrainingFolder,
 };
 use crate::error::{LearnError, Result};
-use crate::files::io;
+use crate::files::{Files, TEXT_BYTES, write_new};
 use crate::nn::DiagnoserNet;
 use crate::nn::diagnoser::dropout_masks;
-use crate::records::{load_module, load_optimizer, save_module, save_optimizer, unreadable};
+use crate::records::{load_module, load_optimizer, read_numbers, save_module, save_optimizer, unreadable};
 
 const SESSION: &str = "session.toml";
 const NET: &str = "net.bpk";
@@ -139,21 +139,25 @@ impl<'a> Session<'a> {
     ) -> Result<Self> {
         let checkpoint: Checkpoint<TrainingPosition> =
             Checkpoint::newest(&folder.checkpoints(), &subject.robot)?;
-        let at = &checkpoint.folder;
-        let SavedSession { best, config: earlier, description } = read_session(at)?;
-        check_same(&at.join(SESSION), &earlier, config)?;
+        let path = checkpoint.path(SESSION);
+        let SavedSession { best, config: earlier, description } = read_session(&checkpoint)?;
+        check_same(&path, &earlier, config)?;
         let standardizer = description.standardizer.clone();
         let mut session = Self::with_standardizer(config, subject, source, Some(standardizer))?;
         if session.data.description != description {
             let message = "it was trained on data of another robot, other damage classes or other lengths";
-            return Err(unreadable(&at.join(SESSION), message));
+            return Err(unreadable(&path, message));
         }
-        session.learner.net = load_module(session.learner.net, &at.join(NET))?;
-        session.learner.optimizer = load_optimizer(adam(), &at.join(ADAM))?;
         session.position = checkpoint.progress;
+        let numbers = Some(session.learner.net.num_params());
+        let load = |net: DiagnoserNet, name: &str| {
+            load_module(net, &checkpoint.path(name), read_numbers(&checkpoint, name, numbers)?)
+        };
+        session.learner.net = load(session.learner.net, NET)?;
+        session.learner.optimizer = load_optimizer(adam(), &session.learner.net, &checkpoint, ADAM)?;
         if let Some(best) = best {
-            let net = DiagnoserNet::new(&description.sizes(), 0, &cpu());
-            let net = load_module(net, &at.join(BEST))?.valid();
+            check_best(&best, session.position).map_err(|message| unreadable(&path, message))?;
+            let net = load(DiagnoserNet::new(&description.sizes(), 0, &cpu()), BEST)?.valid();
             session.best = Some((best, Diagnoser::new(description, net)));
         }
         folder.metrics().rewind("epoch", session.position.epoch)?;
@@ -171,7 +175,7 @@ impl<'a> Session<'a> {
             };
             let path = at.join(SESSION);
             let text = toml::to_string(&saved).map_err(|error| unreadable(&path, error))?;
-            std::fs::write(&path, text).map_err(io(&path))?;
+            write_new(&path, text.as_bytes())?;
             save_module(&self.learner.net, &at.join(NET))?;
             save_optimizer(&self.learner.optimizer, &at.join(ADAM))?;
             self.best.as_ref().map_or(Ok(()), |(_, best)| save_module(best.net(), &at.join(BEST)))
@@ -227,9 +231,25 @@ fn describe(
     }
 }
 
-fn read_session(folder: &Path) -> Result<SavedSession> {
-    let path = folder.join(SESSION);
-    let text = std::fs::read_to_string(&path).map_err(io(&path))?;
+/// Fails unless the best epoch is one of those that were done.
+fn check_best(best: &BestEpoch, position: TrainingPosition) -> std::result::Result<(), String> {
+    let BestEpoch { epoch, validation_loss, validation_accuracy } = *best;
+    if epoch > position.epoch {
+        return Err(format!("the best epoch is {epoch}, expected at most {}", position.epoch));
+    }
+    if !validation_loss.is_finite() || !(0.0..=1.0).contains(&validation_accuracy) {
+        return Err(format!(
+            "the best epoch has validation loss {validation_loss} and accuracy {validation_accuracy}, expected a \
+             finite number and a share"
+        ));
+    }
+    Ok(())
+}
+
+fn read_session<F: Files>(files: &F) -> Result<SavedSession> {
+    let path = files.path(SESSION);
+    let text =
+        String::from_utf8(files.read(SESSION, TEXT_BYTES)?).map_err(|error| unreadable(&path, error))?;
     toml::from_str(&text).map_err(|error| unreadable(&path, error))
 }
 

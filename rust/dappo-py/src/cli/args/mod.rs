@@ -6,6 +6,7 @@ mod diagnose;
 mod export;
 mod render;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -215,5 +216,5 @@ pub struct ClassesArgs {
 pub struct ForwardedArgs {
     /// Everything after the command's name
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    pub arguments: Vec<String>,
+    pub arguments: Vec<OsString>,
 }

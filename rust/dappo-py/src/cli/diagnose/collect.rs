@@ -47,7 +47,7 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let (out, rollouts) = (arguments.out.display(), collected.rollouts);
     if arguments.json {
         caller.object(&json!({
-            "data": arguments.out, "rollouts": rollouts, "classes": factory.space().classes().len(),
+            "data": out.to_string(), "rollouts": rollouts, "classes": factory.space().classes().len(),
             "seconds": seconds, "diverged": collected.diverged, "interrupted": collected.interrupted,
         }));
     } else {

@@ -1,5 +1,6 @@
 //! `dappo-batch diagnose sweep`: from nothing to Table 1. Each part is a command that a user could give as well.
 
+use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -34,25 +35,12 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     }
     let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
     let collect = |rollouts: String, seed: &str, out: &Path| {
-        let (expert, out, steps) = (text(&expert), text(out), most(&grid.timesteps));
-        let threads = jobs.to_string();
-        [
-            "diagnose",
-            "collect",
-            &expert,
-            "--rollouts",
-            &rollouts,
-            "--timesteps",
-            &steps,
-            "--seed",
-            seed,
-            "--out",
-            &out,
-            "--threads",
-            &threads,
-        ]
-        .map(ToOwned::to_owned)
-        .to_vec()
+        let (steps, threads) = (most(&grid.timesteps), jobs.to_string());
+        let sizes =
+            ["--rollouts", &rollouts, "--timesteps", &steps, "--seed", seed, "--threads", &threads, "--out"];
+        let begin = [OsStr::new("diagnose"), OsStr::new("collect"), expert.as_os_str()];
+        let sizes = sizes.map(OsStr::new);
+        begin.into_iter().chain(sizes).chain([out.as_os_str()]).map(OsStr::to_owned).collect::<Vec<_>>()
     };
     commands.push(collect(most(&grid.rollouts), "0", &pairs));
     commands.push(collect(arguments.test_rollouts.to_string(), TEST_SEED, &test));
@@ -105,28 +93,24 @@ fn is_trained(run: &Path, steps: u64) -> bool {
 }
 
 /// Trains the expert, or goes on with it.
-fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: i64) -> Vec<String> {
-    let (expert_text, steps) = (text(expert), arguments.expert_steps.to_string());
-    let mut command = vec!["train".to_owned()];
+fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: i64) -> Vec<OsString> {
+    let (expert_text, steps) = (expert.into(), arguments.expert_steps.to_string());
+    let mut command: Vec<OsString> = vec!["train".into()];
     if expert.join("config.toml").exists() {
         command.extend(["--resume".into(), expert_text]);
     } else {
         command.extend(["--run".into(), expert_text, "--healthy".into()]);
         if let Some(robot) = &arguments.robot {
-            command.extend(["--robot".into(), robot.clone()]);
+            command.extend(["--robot".into(), robot.into()]);
         }
     }
-    command.extend(["--steps".into(), steps, "--threads".into(), jobs.to_string()]);
+    command.extend(["--steps".into(), steps.into(), "--threads".into(), jobs.to_string().into()]);
     command
 }
 
-fn text(path: &Path) -> String {
-    path.display().to_string()
-}
-
 /// Gives a command as a user would; returns its exit code.
-fn give(py: Python<'_>, command: &[String], caller: &Caller) -> PyResult<i32> {
-    console::note(&format!("dappo-batch {}", command.join(" ")));
+fn give(py: Python<'_>, command: &[OsString], caller: &Caller) -> PyResult<i32> {
+    console::note(&format!("dappo-batch {}", command.join(OsStr::new(" ")).display()));
     let cli = cli::parse(command).map_err(|error| raise(Kind::Config, error.to_string()))?;
     match &cli.command {
         Command::Train(arguments) => train::run(py, arguments, command, caller),

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use dappo_learn::config::Layers;
 use dappo_learn::diagnose::dataset::Dataset;
 use dappo_learn::diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
-use dappo_learn::diagnose::{DiagnoserConfig, PairSource, Split, Subject, TrainingFolder};
+use dappo_learn::diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, Subject, TrainingFolder};
 use dappo_learn::{LearnError, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use pyo3::prelude::*;
@@ -60,9 +60,10 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
 }
 
 /// A new training, or an earlier one with its settings.
-fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(TrainingFolder, DiagnoserConfig)> {
+fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(LockedTraining, DiagnoserConfig)> {
     if let Some(folder) = &arguments.resume {
-        return TrainingFolder::open(folder);
+        let (folder, config) = TrainingFolder::open(folder)?;
+        return Ok((folder.lock()?, config));
     }
     let mut layers = Layers::default();
     layers.set("timesteps", arguments.timesteps.unwrap_or(data.timesteps() as i64))?;
