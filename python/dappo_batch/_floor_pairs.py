@@ -44,8 +44,9 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     """Replace contacts found by geometry by explicit pairs, where that changes nothing but the speed.
 
     It is done only if every possible contact is one between the world and the robot. A robot whose contact
-    masks allow it to touch itself keeps its contacts, and so does one whose MJCF already lists pairs or
-    exclusions or uses a feature of contacts that pairs cannot express.
+    masks allow it to touch itself keeps its contacts, and so does one whose MJCF already lists pairs,
+    excludes a contact that would otherwise be possible, or uses a feature of contacts that pairs cannot
+    express.
 
     With a single kinematic tree, MuJoCo's search for constraint islands can find only one island or none, so
     it is switched off too.
@@ -62,11 +63,15 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     """
     enabled = spec.option.enableflags
     special = mujoco.mjtEnableBit.mjENBL_OVERRIDE | mujoco.mjtEnableBit.mjENBL_SLEEP
-    if enabled & special or spec.pairs or spec.excludes or spec.flexes:
+    if enabled & special or spec.pairs or spec.flexes:
         return False
     world = [geom for geom in spec.geoms if _is_static(geom.parent)]
     robot = [geom for geom in spec.geoms if not _is_static(geom.parent)]
-    if any(map(_is_special, spec.geoms)) or _touches_itself(robot):
+    if (
+        any(map(_is_special, spec.geoms))
+        or _touches_itself(robot)
+        or any(_keeps_apart(spec, item) for item in spec.excludes)
+    ):
         return False
 
     contacts = [(a, b) for a in world for b in robot if _masks_match(a, b)]
@@ -103,11 +108,23 @@ def _is_root(body: mujoco.MjsBody) -> bool:
 
 def _is_special(geom: mujoco.MjsGeom) -> bool:
     """Return whether a geom has a contact parameter that this module does not mix."""
-    return any(np.any(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
+    is_odd = any(np.any(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
+    # The ball that shows how parameters are mixed would not touch its plane.
+    return is_odd or not geom.margin >= 0
 
 
 def _masks_match(a: mujoco.MjsGeom, b: mujoco.MjsGeom) -> bool:
     return bool(a.contype & b.conaffinity or b.contype & a.conaffinity)
+
+
+def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:
+    """Return whether an exclusion forbids a contact that the masks of floor and robot allow."""
+    one, other = spec.body(exclude.bodyname1), spec.body(exclude.bodyname2)
+    if one is None or other is None:
+        return True  # the compiler says which body is missing
+    if _is_static(one) == _is_static(other):
+        return False
+    return any(_masks_match(a, b) for a in one.geoms for b in other.geoms)
 
 
 def _touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:

@@ -10,7 +10,11 @@ import mujoco
 from dappo_batch._core import ConfigError, DamageSpace, DappoError
 from dappo_batch._floor_pairs import make_floor_contacts_explicit
 from dappo_batch.damage import DamageType, make_damage_type
-from dappo_batch.robots import Limb, Robot, load_robot
+from dappo_batch.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
+from dappo_batch.robots import Robot, load_robot
+from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.mjcf import mjcf_faults
+from dappo_batch.robots.requirements import find_parts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["ClassTable", "ClassTableError", "compile_class_table"]
 
 _INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
+
+_MOST_MEMORY = 8 << 30
+"""Of all compiled models, bytes."""
 
 # Sizes of texts: damage may rename things, and neither states nor the simulation depend on it.
 _TEXT_SIZES = {"nnames", "nnames_map", "npaths", "ntextdata", "nbuffer"}
@@ -64,6 +71,11 @@ class ClassTable:
     limb_bodies: tuple[tuple[int, ...], ...]
     touch_addresses: tuple[int, ...]
     main_body: int
+
+    @property
+    def hidden_state(self) -> str:
+        """What the state of the robot holds besides positions and velocities; empty if that is all."""
+        return hidden_state(self.models[0])
 
     def worker_data(self, count: int) -> list[mujoco.MjData]:
         """Return `count` new ``mujoco.MjData``, each of which fits every class.
@@ -112,7 +124,8 @@ def compile_class_table(
     Raises
     ------
     ConfigError
-        If the robot or a parameter is wrong.
+        If the robot or a parameter is wrong, or the MJCF has not all that a robot needs; the error lists
+        what.
     ClassTableError
         If a class does not compile, or its arrays have other sizes than those of the healthy robot.
     """
@@ -125,9 +138,14 @@ def compile_class_table(
     limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
     space = DamageSpace(len(robot.limbs), names, limit)
 
-    base = _read_mjcf(robot, physics)
-    models = tuple(_compile_class(base, robot, item, kinds, severity) for item in space.classes)
-    healthy = models[0]
+    with quiet_mujoco():
+        base = _read_mjcf(robot, physics)
+        healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
+        _check_memory(robot, healthy, len(space.classes))
+        parts = find_parts(robot, healthy)
+        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
+        damaged = (_compile_class(base, robot, item, kinds, severity) for item in space.classes[1:])
+        models = (healthy, *damaged)
     sizes = _sizes(healthy)
     for damage_class, model in zip(space.classes, models, strict=True):
         _check_sizes(robot, damage_class, sizes, _sizes(model))
@@ -139,10 +157,54 @@ def compile_class_table(
         muted_touch=tuple(
             tuple(limb for limb, name in item.damages if kinds[name].mutes_touch) for item in space.classes
         ),
-        limb_bodies=_limb_bodies(robot, healthy),
-        touch_addresses=_touch_addresses(robot, healthy),
-        main_body=_find(healthy, mujoco.mjtObj.mjOBJ_BODY, robot.main_body, f"{robot.name}: main_body"),
+        limb_bodies=parts.limb_bodies,
+        touch_addresses=parts.touch_addresses,
+        main_body=parts.main_body,
     )
+
+
+def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
+    """Check that a robot's MJCF has what its TOML says, and that each limb can break in each way.
+
+    It takes the time of compiling two or three classes, however many there are.
+
+    Raises
+    ------
+    ConfigError
+        If it has not, with all that is wrong.
+    """
+    names = list(robot.damage_types if types is None else types)
+    kinds = _damage_types(robot, names, {})
+    with quiet_mujoco():
+        base = _read_mjcf(robot, None)
+        healthy = DamageSpace(len(robot.limbs), names, 0).classes[0]
+        find_parts(robot, _compile_class(base, robot, healthy, kinds, 1.0))
+        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
+
+
+def _unfit_limbs(
+    base: mujoco.MjSpec, robot: Robot, kinds: Mapping[str, DamageType], severity: float
+) -> list[str]:
+    """Return why limbs cannot break in the ways that are asked for."""
+    faults = []
+    for kind in kinds.values():
+        for limb in robot.limbs:
+            try:
+                kind.apply(base.copy(), limb, severity)
+            except ConfigError as error:
+                faults.append(str(error))
+    return faults
+
+
+def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int) -> None:
+    size = classes * int(model.nbuffer)
+    if size > _MOST_MEMORY:
+        raise ConfigError(
+            f"robot {robot.name}: {classes} damage classes of {model.nbuffer} bytes each need"
+            f" {size / 2**30:.1f} GiB, at most {_MOST_MEMORY / 2**30:.0f} are taken; lower"
+            " max_damaged_limbs or name"
+            " fewer types"
+        )
 
 
 def _damage_types(
@@ -154,16 +216,21 @@ def _damage_types(
         raise ConfigError(
             f"damage_options names {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
         )
-    return {
-        name: make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
-        for name in names
-    }
+    kinds, faults = {}, []
+    for name in names:
+        try:
+            kinds[name] = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
+        except ConfigError as error:
+            faults.append(str(error))
+    refuse(f"robot {robot.name}", faults)
+    return kinds
 
 
 def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
+    refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
     try:
         spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
-    except ValueError as error:
+    except MUJOCO_ERRORS as error:
         raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
     if physics is not None:
         if physics not in _INTEGRATORS:
@@ -186,7 +253,11 @@ def _compile_class(
         # After the damage, not once for all classes: damage may change what contacts are mixed from.
         make_floor_contacts_explicit(spec)
         return spec.compile()
-    except ValueError as error:
+    except MUJOCO_ERRORS as error:
+        if not damage_class.damages:
+            raise ConfigError(
+                f"robot {robot.name}: MuJoCo cannot compile {robot.mjcf_path}: {error}"
+            ) from error
         raise ClassTableError(
             f"robot {robot.name}: damage class {damage_class.name} does not compile: {error}"
         ) from error
@@ -210,55 +281,3 @@ def _check_sizes(
             f"robot {robot.name}: damage class {damage_class.name} has other sizes than the healthy robot:"
             f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts"
         )
-
-
-def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, what: str) -> int:
-    index = int(mujoco.mj_name2id(model, kind, name))
-    if index < 0:
-        raise ConfigError(f"{what}: the MJCF has no {kind.name.removeprefix('mjOBJ_').lower()} {name!r}")
-    return index
-
-
-def _limb_bodies(robot: Robot, model: mujoco.MjModel) -> tuple[tuple[int, ...], ...]:
-    """Return the bodies of each limb, and check that its joints and its toe belong to them."""
-    owner: dict[int, Limb] = {}
-    limbs: list[tuple[int, ...]] = []
-    for limb in robot.limbs:
-        what = f"{robot.name}: limb {limb.name}"
-        bodies = [_find(model, mujoco.mjtObj.mjOBJ_BODY, limb.body, what)]
-        # A body's parent has a smaller id, so one pass in the order of ids meets parents first.
-        bodies += [body for body in range(bodies[0] + 1, model.nbody) if _is_below(model, body, bodies[0])]
-        for body in bodies:
-            if body in owner:
-                raise ConfigError(
-                    f"{what}: body {model.body(body).name} belongs to limb {owner[body].name} already"
-                )
-            owner[body] = limb
-        parts = [(name, model.jnt_bodyid, mujoco.mjtObj.mjOBJ_JOINT) for name in limb.joints]
-        parts.append((limb.toe_geom, model.geom_bodyid, mujoco.mjtObj.mjOBJ_GEOM))
-        if limb.touch_site is not None:
-            parts.append((limb.touch_site, model.site_bodyid, mujoco.mjtObj.mjOBJ_SITE))
-        for name, body_ids, kind in parts:
-            if int(body_ids[_find(model, kind, name, what)]) not in bodies:
-                raise ConfigError(f"{what}: {name} is not part of body {limb.body} or of a body below it")
-        limbs.append(tuple(bodies))
-    return tuple(limbs)
-
-
-def _is_below(model: mujoco.MjModel, body: int, ancestor: int) -> bool:
-    while body > ancestor:
-        body = int(model.body_parentid[body])
-    return body == ancestor
-
-
-def _touch_addresses(robot: Robot, model: mujoco.MjModel) -> tuple[int, ...]:
-    names = [limb.touch for limb in robot.limbs if limb.touch is not None]
-    if not names:
-        return ()
-    if len(names) < len(robot.limbs):
-        raise ConfigError(f"{robot.name}: either every limb has a touch sensor or none has one")
-    ids = [_find(model, mujoco.mjtObj.mjOBJ_SENSOR, name, f"{robot.name}: touch") for name in names]
-    for name, index in zip(names, ids, strict=True):
-        if model.sensor_type[index] != mujoco.mjtSensor.mjSENS_TOUCH:
-            raise ConfigError(f"{robot.name}: sensor {name} is not a touch sensor")
-    return tuple(int(model.sensor_adr[index]) for index in ids)

@@ -29,6 +29,7 @@ DEFAULT_GEOM = '<geom type="capsule" conaffinity="0"'
 OPTION = '<option timestep="0.005" integrator="implicitfast"/>'
 ACTUATORS = "</actuator>"
 SENSORS = "</sensor>"
+WORLD = "</worldbody>"
 END = "</mujoco>"
 
 
@@ -94,15 +95,13 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
         ((KNEE, f'{KNEE}<body name="claw"><joint axis="0 1 0"/><geom size="0.02 0.02"/></body>'),),
         "limbs of equal length",
     ),
-    "fixed base": (((FREE, ""),), "does not hang on a free body"),
+    "body beside the robot": (
+        ((WORLD, f'<body name="door"><joint/><geom type="sphere" size="0.1"/></body>{WORLD}'),),
+        "body `door` does not hang on a free body",
+    ),
     "second free body": (
-        (
-            (
-                PLATE,
-                f'<body name="ball" pos="2 0 1"><freejoint/><geom type="sphere" size="0.1"/></body>{PLATE}',
-            ),
-        ),
-        "is a second free body",
+        ((WORLD, f'<body name="ball" pos="2 0 1"><freejoint/><geom size="0.1 0.1"/></body>{WORLD}'),),
+        "body `ball` is a second free body",
     ),
     # Contacts.
     "self-collision": (
@@ -266,6 +265,22 @@ def test_the_toy_robot_stands_on_a_shape_that_is_unknown(tmp_path: Path) -> None
 def test_without_its_cylinder_the_toy_robot_is_known(tmp_path: Path) -> None:
     envs = dappo_batch.make_vec(toy(tmp_path, BALL))
     assert (envs.backend, envs.backend_note) == ("lanes", "")
+
+
+@pytest.mark.parametrize(
+    "bodies",
+    ['body1="plate" body2="north"', 'body1="north" body2="north_lower"', 'body1="north" body2="west"'],
+)
+def test_an_exclusion_of_contacts_that_cannot_be_leaves_the_robot_known(bodies: str, tmp_path: Path) -> None:
+    envs = dappo_batch.make_vec(toy(tmp_path, (*BALL, (END, f"<contact><exclude {bodies}/></contact>{END}"))))
+    assert (envs.backend, envs.backend_note) == ("lanes", "")
+
+
+def test_an_exclusion_that_keeps_a_limb_from_the_floor_is_no_trifle(tmp_path: Path) -> None:
+    exclude = '<contact><exclude body1="world" body2="north_lower"/></contact>'
+    assert "touch each other by contype and conaffinity" in refusal(
+        toy(tmp_path, (*BALL, (END, exclude + END)))
+    )
 
 
 def test_a_velocity_that_is_not_the_roots_is_refused(tmp_path: Path) -> None:

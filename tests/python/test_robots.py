@@ -207,11 +207,15 @@ def test_a_missing_robot_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('main_body = "torso"', "", "'main_body' is missing"),
-        ('joints = ["hip_1", "ankle_1"]', 'joints = "hip_1"', "limb 0: joints must be of type list"),
-        ('toe_geom = "front_left_toe"', "", "limb 0: the entry 'toe_geom' is missing"),
+        ('main_body = "torso"', "", "the entry `main_body` is missing"),
+        ('joints = ["hip_1", "ankle_1"]', 'joints = "hip_1"', 'limb 0: `joints` is "hip_1", expected a list'),
+        ('body = "front_left_limb"', "", "limb 0: the entry `body` is missing"),
         ('toe_geom = "front_left_toe"', 'toe_geom = "x"\ncolour = "red"', "unknown entries colour"),
-        ("max_damaged_limbs = 2", "max_damaged_limbs = true", "max_damaged_limbs must be of type int"),
+        (
+            "max_damaged_limbs = 2",
+            "max_damaged_limbs = true",
+            "`max_damaged_limbs` is true, expected a whole number from 0 to 4",
+        ),
         ('mjcf = "ant.xml"', 'mjcf = "bee.xml"', "bee.xml"),
         ("[damage]", "[damage", "not valid TOML"),
     ],

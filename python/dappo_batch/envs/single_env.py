@@ -224,8 +224,13 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         qpos, qvel = self._core.get_state()
         return qpos[0], qvel[0]
 
-    def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
+    def set_state(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], *, at_rest: bool = False
+    ) -> NDArray[np.float32]:
         """Put the robot into the given state, keep its episode, and return the observation [O].
+
+        A robot whose state is more than positions and velocities is refused, unless `at_rest` says that the
+        rest may begin as after a reset; see `DamageVectorEnv.set_state`.
 
         Parameters
         ----------
@@ -233,19 +238,23 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             In m and rad.
         qvel : array of shape [nv]
             In m/s and rad/s.
+        at_rest : bool
+            Whether everything else that the state may hold may begin as after a reset.
 
         Raises
         ------
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset.
+            If the env was never reset, or the state of the robot is more than positions and velocities.
         SimulationError
             If the env is closed.
         """
         self._check_open()
         self._core.set_state(
-            np.array(qpos, dtype=np.float64, ndmin=2), np.array(qvel, dtype=np.float64, ndmin=2)
+            np.array(qpos, dtype=np.float64, ndmin=2),
+            np.array(qvel, dtype=np.float64, ndmin=2),
+            bool(at_rest),
         )
         return self._obs()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from dappo_batch._core import SimulationError
+from dappo_batch._core import ConfigError, EnvState, SimulationError
 from dappo_batch.envs.arguments import (
     Damage,
     ResetOptions,
@@ -34,6 +35,15 @@ from dappo_batch.envs.simulation import (
 )
 
 Infos = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """What `DamageVectorEnv.save_state` returns: everything that the next steps of its envs depend on."""
+
+    core: EnvState = field(repr=False)
+    was_reset: bool
+    ended: NDArray[np.bool_] = field(repr=False)
 
 
 class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
@@ -344,11 +354,18 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         self._check_open()
         return self._core.get_state()
 
-    def set_state(self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> NDArray[np.float32]:
+    def set_state(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], *, at_rest: bool = False
+    ) -> NDArray[np.float32]:
         """Put every env into the given state and keep its episode.
 
         As after a reset no contact force is carried over; the damage class and the step of the episode stay.
         With `precision` ``"f32"`` the state is rounded.
+
+        The state of some robots is more than positions and velocities: filtered actuators, delayed signals,
+        plugins, and the start of a solver that stops after a few iterations. They move on otherwise than
+        they did when the two were read, so they are refused, unless `at_rest` says that the rest may begin
+        as after a reset. `save_state` and `restore_state` keep all of it.
 
         Parameters
         ----------
@@ -356,6 +373,8 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
             In m and rad.
         qvel : array of shape [N, nv]
             In m/s and rad/s.
+        at_rest : bool
+            Whether everything else that the state may hold may begin as after a reset.
 
         Returns
         -------
@@ -366,14 +385,56 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset.
+            If the env was never reset, or the state of the robot is more than positions and velocities.
         SimulationError
             If the env is closed.
         """
         self._check_open()
         self._core.set_state(
-            np.ascontiguousarray(qpos, dtype=np.float64), np.ascontiguousarray(qvel, dtype=np.float64)
+            np.ascontiguousarray(qpos, dtype=np.float64),
+            np.ascontiguousarray(qvel, dtype=np.float64),
+            bool(at_rest),
         )
+        return self._give(self._core.obs)
+
+    def save_state(self) -> SavedState:
+        """Return everything that the next steps depend on, to go back to with `restore_state`.
+
+        Unlike positions and velocities it holds activations of actuators, delayed signals, the start of the
+        solver, and the episodes: their steps, damage and random streams. The same actions then give the
+        same steps, to the bit.
+
+        Raises
+        ------
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        return SavedState(self._core.save_state(), self._was_reset, self._ended.copy())
+
+    def restore_state(self, state: SavedState) -> NDArray[np.float32]:
+        """Go back to a state that an env of the same robot, backend, precision and number of envs has saved.
+
+        Returns
+        -------
+        obs : array of shape [N, O]
+            The observations of that time.
+
+        Raises
+        ------
+        ConfigError
+            If it is none of such an env, or one that was never reset.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        if not isinstance(state, SavedState):
+            raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
+        if not state.was_reset:
+            raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
+        self._core.restore_state(state.core)
+        self._was_reset = True
+        self._ended = state.ended.copy()
         return self._give(self._core.obs)
 
     def close_extras(self) -> None:

@@ -12,7 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dappo_batch._core import ConfigError
+from dappo_batch._core import ConfigError, robot_faults
+from dappo_batch.robots.faults import refuse
 
 __all__ = ["DEFAULT_ROBOT", "ROBOTS", "Limb", "Robot", "built_in_config", "load_robot"]
 
@@ -25,6 +26,8 @@ DEFAULT_ROBOT = "ant"
 """The robot that commands use when none is named."""
 
 _CONFIGS = _FOLDER.parent / "configs"
+
+_MOST_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,8 @@ class Limb:
         Root body of the limb in the MJCF.
     joints : tuple of str
         Joints from the torso outwards.
-    toe_geom : str
-        Geom of the lowest segment, which the damage type ``missing_toe`` shortens.
+    toe_geom : str or None
+        Geom of the lowest segment, which the damage type ``missing_toe`` shortens and no other type needs.
     touch : str or None
         Touch sensor of the limb.
     touch_site : str or None
@@ -50,7 +53,7 @@ class Limb:
     name: str
     body: str
     joints: tuple[str, ...]
-    toe_geom: str
+    toe_geom: str | None = None
     touch: str | None = None
     touch_site: str | None = None
 
@@ -89,7 +92,7 @@ class Robot:
     @cached_property
     def limbs(self) -> tuple[Limb, ...]:
         """Limbs in ring order."""
-        return tuple(_limb(entry, index, self.path) for index, entry in enumerate(self.spec["limbs"]))
+        return tuple(map(_limb, self.spec["limbs"]))
 
     @property
     def damage_types(self) -> tuple[str, ...]:
@@ -141,7 +144,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     Raises
     ------
     ConfigError
-        If the robot is unknown, or its TOML cannot be read or lacks an entry.
+        If the robot is unknown, or its TOML cannot be read or has faults; the error lists all of them.
     """
     if isinstance(name_or_path, str) and name_or_path in ROBOTS:
         path = _FOLDER / f"{name_or_path}.toml"
@@ -152,57 +155,31 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 f"unknown robot {str(name_or_path)!r}: expected one of {', '.join(ROBOTS)}, or the path of a"
                 " robot TOML (a file that ends in .toml and names an MJCF; copy robots/ant.toml to write one)"
             )
+    text = _read(path)
+    faults = robot_faults(text)
+    refuse(f"the robot TOML {path}", faults)
     try:
-        text = path.read_text(encoding="utf-8")
         spec = tomllib.loads(text)
-    except OSError as error:
-        raise ConfigError(f"cannot read the robot TOML {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"the robot TOML {path} is not valid TOML: {error}") from error
-    _check(spec, path)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"the robot TOML {path} is not valid TOML 1.0: {error}") from error
     robot = Robot(name=spec["name"], toml_text=text, path=path.resolve(), spec=spec)
     if not robot.mjcf_path.is_file():
         raise ConfigError(f"{path}: mjcf = {spec['mjcf']!r} names no file beside the robot TOML")
-    _ = robot.limbs  # a limb that lacks an entry is reported here, not at first use
     return robot
 
 
-def _check(spec: dict[str, Any], path: Path) -> None:
-    """Check the entries which Python reads; the simulator checks all others when an env is made."""
-    for key in ("name", "mjcf", "main_body"):
-        _entry(spec, key, str, str(path))
-    if not _entry(spec, "limbs", list, str(path)):
-        raise ConfigError(f"{path}: a robot needs at least one [[limbs]]")
-    damage = _entry(spec, "damage", dict, str(path))
-    _strings(damage, "types", f"{path}: [damage]")
-    _entry(damage, "max_damaged_limbs", int, f"{path}: [damage]")
+def _read(path: Path) -> str:
+    try:
+        if path.exists() and not path.is_file():
+            raise ConfigError(f"cannot read the robot TOML {path}: it is no regular file")
+        with path.open("rb") as file:
+            # One byte more than is read of the largest one, so that the check finds it too long.
+            return file.read(_MOST_BYTES + 1).decode("utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot read the robot TOML {path}: {error.strerror or error}") from error
+    except ValueError as error:  # not UTF-8, or a zero byte in the path
+        raise ConfigError(f"cannot read the robot TOML {path}: {error}") from error
 
 
-def _limb(entry: dict[str, Any], index: int, path: Path) -> Limb:
-    where = f"{path}: limb {index}"
-    if not isinstance(entry, dict):
-        raise ConfigError(f"{where}: expected a table [[limbs]], got {entry!r}")
-    required = {key: _entry(entry, key, str, where) for key in ("name", "body", "toe_geom")}
-    optional = {key: _entry(entry, key, str, where) for key in ("touch", "touch_site") if key in entry}
-    joints = _strings(entry, "joints", where)
-    if not joints:
-        raise ConfigError(f"{where}: joints is empty")
-    if unknown := entry.keys() - required.keys() - {"touch", "touch_site", "joints"}:
-        raise ConfigError(f"{where}: unknown entries {', '.join(sorted(unknown))}")
-    return Limb(joints=joints, **required, **optional)
-
-
-def _entry(table: dict[str, Any], key: str, kind: type, where: str) -> Any:  # noqa: ANN401 - TOML is untyped
-    if key not in table:
-        raise ConfigError(f"{where}: the entry {key!r} is missing")
-    # A TOML boolean is an int in Python, but no entry of ours is a number that may be written as true.
-    if not isinstance(table[key], kind) or (kind is int and isinstance(table[key], bool)):
-        raise ConfigError(f"{where}: {key} must be of type {kind.__name__}, got {table[key]!r}")
-    return table[key]
-
-
-def _strings(table: dict[str, Any], key: str, where: str) -> tuple[str, ...]:
-    values = _entry(table, key, list, where)
-    if not all(isinstance(value, str) for value in values):
-        raise ConfigError(f"{where}: {key} must be a list of strings, got {values!r}")
-    return tuple(values)
+def _limb(entry: dict[str, Any]) -> Limb:
+    return Limb(**{**entry, "joints": tuple(entry["joints"])})

@@ -60,6 +60,7 @@ impl<'py> ClassTable<'py> {
             main_body: object.getattr("main_body")?.extract()?,
             limb_bodies: object.getattr("limb_bodies")?.extract()?,
             touch_addresses: object.getattr("touch_addresses")?.extract()?,
+            hidden_state: object.getattr("hidden_state")?.extract()?,
         };
         Ok(Self { object: object.clone(), robot, space, layout })
     }

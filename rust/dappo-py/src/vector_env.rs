@@ -4,7 +4,9 @@ use dappo_learn::Compute;
 use dappo_sim::backend::{BackendKind, Device, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::threads::available;
-use dappo_sim::vector_env::{Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
+use dappo_sim::vector_env::{
+    Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig, VectorEnvSnapshot,
+};
 use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{
     Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
@@ -33,6 +35,12 @@ pub struct PyVectorEnv {
     nv: usize,
     device: &'static str,
     backend_note: String,
+}
+
+/// The state of a `VectorEnv` between two steps.
+#[pyclass(name = "EnvState", module = "dappo_batch._core", frozen)]
+pub struct PyEnvState {
+    snapshot: VectorEnvSnapshot,
 }
 
 impl PyVectorEnv {
@@ -272,16 +280,30 @@ impl PyVectorEnv {
     }
 
     /// Puts every env into a given state and refreshes the observations.
+    #[pyo3(signature = (qpos, qvel, at_rest = false))]
     fn set_state(
         &mut self,
         py: Python<'_>,
         qpos: PyReadonlyArray2<'_, f64>,
         qvel: PyReadonlyArray2<'_, f64>,
+        at_rest: bool,
     ) -> PyResult<()> {
         let positions = qpos.as_slice().map_err(not_contiguous)?;
         let velocities = qvel.as_slice().map_err(not_contiguous)?;
         let Running { env, pool } = self.running_mut()?;
-        pool.run(py, || env.set_state(positions, velocities))
+        pool.run(py, || env.set_state(positions, velocities, at_rest))
+    }
+
+    /// Everything that the next steps depend on.
+    fn save_state(&self) -> PyResult<PyEnvState> {
+        let snapshot = self.env()?.snapshot().map_err(|error| from_sim(&error))?;
+        Ok(PyEnvState { snapshot })
+    }
+
+    /// Goes back to a saved state of an env of the same robot, backend, precision and number of envs.
+    fn restore_state(&mut self, py: Python<'_>, state: &PyEnvState) -> PyResult<()> {
+        let Running { env, pool } = self.running_mut()?;
+        pool.run(py, || env.restore(&state.snapshot))
     }
 
     /// Frees the env and its threads; every later call raises `SimulationError`.

@@ -1,5 +1,9 @@
 //! The robot file: everything about a robot that is not in its MJCF.
 
+mod entries;
+mod faults;
+mod nesting;
+
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -49,8 +53,9 @@ pub struct Limb {
     pub body: String,
     /// Joints from the torso outwards.
     pub joints: Vec<String>,
-    /// Lowest segment.
-    pub toe_geom: String,
+    /// Lowest segment, which `missing_toe` shortens.
+    #[serde(default)]
+    pub toe_geom: Option<String>,
     /// Touch sensor of the limb.
     #[serde(default)]
     pub touch: Option<String>,
@@ -115,47 +120,34 @@ pub struct RewardFunction {
     pub terms: Vec<RewardTerm>,
 }
 
+/// Largest robot file, bytes.
+const LARGEST_FILE: usize = 1 << 20;
+/// Tables and lists inside each other, at most; a robot needs four.
+const DEEPEST: usize = 32;
+
 impl Robot {
-    /// Parses and checks a robot file.
+    /// Parses and checks a robot file. The error lists all faults, a line each.
     pub fn from_toml(text: &str) -> Result<Self, SimError> {
-        let robot: Self = toml::from_str(text)
-            .map_err(|error| SimError::Config(format!("cannot read the robot file: {error}")))?;
-        robot.check()?;
-        Ok(robot)
+        let faults = Self::faults(text);
+        if !faults.is_empty() {
+            return Err(SimError::Config(format!("cannot use the robot file: {}", faults.join("\n"))));
+        }
+        toml::from_str(text).map_err(|error| SimError::Config(format!("cannot read the robot file: {error}")))
     }
 
-    fn check(&self) -> Result<(), SimError> {
-        let bad = |why: String| Err(SimError::Config(format!("robot `{}`: {why}", self.name)));
-        if self.limbs.is_empty() {
-            return bad("it needs at least one entry in `limbs`".into());
+    /// What is wrong with a robot file, a sentence a fault; empty for one that can be used.
+    #[must_use]
+    pub fn faults(text: &str) -> Vec<String> {
+        if text.len() > LARGEST_FILE {
+            return vec![format!("it has {} bytes, a robot file at most {LARGEST_FILE}", text.len())];
         }
-        if self.frame_skip == 0 || self.max_episode_steps == 0 {
-            return bad("`frame_skip` and `max_episode_steps` must be at least 1".into());
+        if nesting::is_deeper_than(text, DEEPEST) {
+            return vec![format!("its tables, lists or dotted keys are nested more than {DEEPEST} deep")];
         }
-        if !(self.action_scale.is_finite() && self.action_scale > 0.0) {
-            return bad(format!("`action_scale` is {}, expected a positive number", self.action_scale));
+        match text.parse::<toml::Table>() {
+            Ok(file) => faults::faults(&file),
+            Err(error) => vec![format!("it is not valid TOML: {error}")],
         }
-        if !(self.reset.qpos_noise >= 0.0 && self.reset.qvel_noise >= 0.0) {
-            return bad("the noises in `[reset]` must not be negative".into());
-        }
-        let [low, high] = self.termination.height;
-        if low.is_nan() || high.is_nan() || low >= high {
-            return bad(format!("`termination.height` is [{low}, {high}], expected [low, high]"));
-        }
-        if self.observation.terms.is_empty() {
-            return bad("`observation.terms` is empty".into());
-        }
-        let touch = self.limbs.iter().filter(|limb| limb.touch.is_some()).count();
-        if touch != 0 && touch != self.limbs.len() {
-            return bad(format!(
-                "{touch} of {} limbs have a `touch` sensor; give it to all or none",
-                self.limbs.len()
-            ));
-        }
-        if touch == 0 && self.observation.terms.contains(&ObservationTerm::Touch) {
-            return bad("the observation term `touch` needs a `touch` sensor on every limb".into());
-        }
-        self.reward(None).map(|_| ())
     }
 
     /// The reward function of this name; the robot's default for `None`.
@@ -169,5 +161,158 @@ impl Robot {
                 known.join(", ")
             ))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+name = "toy"
+mjcf = "toy.xml"
+main_body = "root"
+frame_skip = 4
+max_episode_steps = 100
+action_scale = 1.0
+[[limbs]]
+name = "a"
+body = "a"
+joints = ["a1", "a2"]
+touch = "ta"
+[[limbs]]
+name = "b"
+body = "b"
+joints = ["b1"]
+toe_geom = "toe"
+touch = "tb"
+[damage]
+types = ["jammed_joint"]
+max_damaged_limbs = 1
+[damage.jammed_joint]
+joint = 0
+[reset]
+qpos_noise = 0
+qvel_noise = 0.1
+[termination]
+height = [0.2, inf]
+[observation]
+terms = [{ term = "qpos", skip = 2 }, { term = "cfrc_ext", clip = 1.0 }, { term = "touch" }]
+[reward]
+default = "walk"
+[reward.walk]
+terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight = -1.0, clip = 10.0 }]
+"#;
+
+    #[test]
+    fn a_file_without_faults_becomes_a_robot() {
+        assert_eq!(Robot::faults(GOOD), Vec::<String>::new());
+        let robot = Robot::from_toml(GOOD).unwrap();
+        assert_eq!((robot.limbs.len(), robot.limbs[0].toe_geom.as_deref()), (2, None));
+        assert_eq!(robot.termination.height, [0.2, f64::INFINITY]);
+    }
+
+    #[test]
+    fn every_fault_is_named_with_what_is_expected() {
+        for (old, new, fault) in [
+            ("name = \"toy\"", "name = \"../toy\"", "`name` is \"../toy\", expected letters"),
+            ("mjcf = \"toy.xml\"", "", "the entry `mjcf` is missing"),
+            ("main_body = \"root\"", "main_body = 1", "`main_body` is 1, expected a text"),
+            (
+                "frame_skip = 4",
+                "frame_skip = 4999",
+                "`frame_skip` is 4999, expected a whole number from 1 to 1000",
+            ),
+            ("frame_skip = 4", "frame_skip = 4.0", "`frame_skip` is 4.0, expected a whole number"),
+            ("max_episode_steps = 100", "", "the entry `max_episode_steps` is missing"),
+            ("action_scale = 1.0", "action_scale = 1e308", "`action_scale` is 1"),
+            ("action_scale = 1.0", "action_scale = nan", "expected a number above 0"),
+            ("joints = [\"b1\"]", "joints = []", "limb 1: `joints` is empty"),
+            (
+                "joints = [\"b1\"]",
+                "joints = [\"a2\"]",
+                "limb 1: the joint \"a2\" is listed by limb 0 already",
+            ),
+            ("body = \"b\"", "body = \"a\"", "limb 1: `body` is \"a\", which limb 0 has already"),
+            ("touch = \"tb\"", "", "1 of 2 limbs have a `touch` sensor"),
+            ("touch = \"tb\"", "colour = \"red\"", "limb 1: unknown entries colour"),
+            (
+                "max_damaged_limbs = 1",
+                "max_damaged_limbs = -1",
+                "[damage]: `max_damaged_limbs` is -1, expected a whole",
+            ),
+            ("max_damaged_limbs = 1", "max_damaged_limbs = 3", "a whole number from 0 to 2"),
+            ("max_damaged_limbs = 1", "max_damaged_limbs = true", "`max_damaged_limbs` is true"),
+            ("types = [\"jammed_joint\"]", "types = []", "`types` is empty"),
+            ("types = [\"jammed_joint\"]", "types = [\"x\", \"x\"]", "lists \"x\" twice"),
+            (
+                "[damage.jammed_joint]\njoint = 0",
+                "jammed_joint = 3",
+                "[damage]: `jammed_joint` is 3; expected",
+            ),
+            (
+                "qpos_noise = 0",
+                "qpos_noise = inf",
+                "[reset]: `qpos_noise` is inf, expected a number from 0 to 10",
+            ),
+            ("qvel_noise = 0.1", "qvel_noise = 4e9", "`qvel_noise` is 4000000000.0"),
+            ("[0.2, inf]", "[0.2]", "[termination]: `height` is [0.2], expected [low, high]"),
+            ("[0.2, inf]", "[nan, 1.0]", "expected [low, high]"),
+            ("[0.2, inf]", "[1.0, 0.2]", "expected [low, high]"),
+            ("skip = 2", "skip = -2", "[observation] term 0: `skip` is -2"),
+            ("\"cfrc_ext\", clip = 1.0", "\"cfrc_ext\", clip = -1.0", "[observation] term 1: `clip` is -1.0"),
+            (
+                "\"cfrc_ext\", clip = 1.0",
+                "\"cfrc_ext\", clip = nan",
+                "`clip` is nan, expected a number above 0",
+            ),
+            ("{ term = \"touch\" }", "{ term = \"smell\" }", "`term` is \"smell\", expected one of qpos"),
+            ("{ term = \"touch\" }", "7", "[observation]: term 2 is 7, expected a table"),
+            ("weight = 1 }", "weight = 1e308 }", "[reward.walk] term 0: `weight` is 1"),
+            (
+                "default = \"walk\"",
+                "default = \"run\"",
+                "`default` is \"run\", which is none of the rewards (walk)",
+            ),
+            ("[reward.walk]", "[reward.run]", "`default` is \"walk\""),
+            ("[reset]", "[rset]", "unknown entries rset"),
+            ("[reset]\nqpos_noise = 0\nqvel_noise = 0.1", "[other]\na = 1", "the entry `reset` is missing"),
+            ("[damage]", "[damage", "it is not valid TOML"),
+        ] {
+            assert_eq!(GOOD.matches(old).count(), 1, "{old}");
+            let faults = Robot::faults(&GOOD.replace(old, new));
+            assert!(faults.iter().any(|found| found.contains(fault)), "{new} gave {faults:?}");
+            assert!(Robot::from_toml(&GOOD.replace(old, new)).unwrap_err().to_string().contains(fault));
+        }
+    }
+
+    #[test]
+    fn all_faults_come_at_once() {
+        let text = GOOD.replace("frame_skip = 4", "frame_skip = 0").replace("skip = 2", "skip = -1");
+        let faults = Robot::faults(&text.replace("weight = 1 }", "weight = inf }"));
+        assert_eq!(faults.len(), 3, "{faults:?}");
+    }
+
+    #[test]
+    fn a_number_in_the_place_of_a_table_is_a_fault() {
+        for table in ["damage", "reset", "termination", "observation", "reward", "limbs"] {
+            let faults = Robot::faults(&format!("{table} = 5"));
+            assert!(faults.iter().any(|fault| fault.contains(&format!("`{table}` is 5"))), "{faults:?}");
+        }
+    }
+
+    #[test]
+    fn deep_nesting_is_refused_before_the_stack_overflows() {
+        let deep = [
+            format!("a = {}{}", "[".repeat(100_000), "]".repeat(100_000)),
+            format!("a = {}", "{a=".repeat(100_000)),
+            format!("{}a = 1", "a.".repeat(100_000)),
+            format!("[{}a]", "a.".repeat(100_000)),
+            format!("a = {{ b = 1, {}a = 1 }}", "a . ".repeat(100_000)),
+        ];
+        for text in deep {
+            assert!(Robot::faults(&text)[0].contains("nested more than 32 deep"));
+        }
+        assert!(Robot::faults(&"# ".repeat(1 << 20))[0].contains("a robot file at most"));
     }
 }

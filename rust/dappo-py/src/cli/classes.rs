@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::args::ClassesArgs;
 use super::{Caller, console};
-use crate::errors::{Kind, from_sim, raise};
+use crate::errors::from_sim;
 
 pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult<i32> {
     let robots = py.import("dappo_batch.robots")?;
@@ -14,22 +14,15 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
         Some(name) => name.clone(),
         None => robots.getattr("DEFAULT_ROBOT")?.extract()?,
     };
-    let robot = robots.call_method1("load_robot", (name,))?;
-    let toml: String = robot.getattr("toml_text")?.extract()?;
+    let object = robots.call_method1("load_robot", (name,))?;
+    let toml: String = object.getattr("toml_text")?.extract()?;
     let robot = dappo_sim::Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
     let types = arguments.types.clone().unwrap_or_else(|| robot.damage.types.clone());
-    let known: Vec<String> = py
-        .import("dappo_batch.damage")?
-        .getattr("DAMAGE_TYPES")?
-        .try_iter()?
-        .map(|name| name?.extract())
-        .collect::<PyResult<_>>()?;
-    if let Some(unknown) = types.iter().find(|name| !known.contains(name)) {
-        let known = known.join(", ");
-        return Err(raise(Kind::Config, format!("unknown damage type `{unknown}`: expected one of {known}")));
-    }
     let max_damaged = arguments.max_damaged_limbs.unwrap_or(robot.damage.max_damaged_limbs);
     let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).map_err(|error| from_sim(&error))?;
+    // Classes of a robot that does not exist, or whose limbs cannot break in this way, are none.
+    let checked = if max_damaged > 0 { space.types() } else { &[] };
+    py.import("dappo_batch.class_table")?.call_method1("check_robot", (object, checked.to_vec()))?;
     let code = |class: &dappo_sim::DamageClass| -> Vec<u8> {
         class.code(space.limbs(), space.types().len()).iter().map(|&bit| u8::from(bit > 0.0)).collect()
     };

@@ -37,6 +37,8 @@ pub struct Layout {
     pub limb_bodies: Vec<Vec<usize>>,
     /// Index of each limb's touch sensor in sensordata; empty without touch sensors.
     pub touch_addresses: Vec<usize>,
+    /// What the state holds besides positions and velocities, for messages; empty if that is all.
+    pub hidden_state: String,
 }
 
 /// Start of a new episode. The initial state is drawn from (`key`, `episode`).

@@ -24,6 +24,7 @@ pub struct Task {
 impl Task {
     /// The task of `robot` with the reward of this name (the robot's default for `None`).
     pub fn new(robot: &Robot, layout: &Layout, reward: Option<&str>) -> Result<Self, SimError> {
+        check(robot, layout)?;
         Ok(Self {
             frame_skip: robot.frame_skip,
             action_scale: robot.action_scale,
@@ -90,6 +91,14 @@ impl Task {
         true
     }
 
+    /// Whether observations show all positions, but for x and y of the root, and all velocities.
+    #[must_use]
+    pub fn is_observed(&self) -> bool {
+        let has = |wanted: fn(&ObservationTerm) -> bool| self.observation.iter().any(wanted);
+        has(|term| matches!(term, ObservationTerm::Qpos { skip: 0..=2 }))
+            && has(|term| *term == ObservationTerm::Qvel)
+    }
+
     /// Whether each entry of an observation is a position or a velocity, `[obs_dim]`.
     #[must_use]
     pub fn shows_state(&self) -> Vec<bool> {
@@ -113,4 +122,26 @@ impl Task {
     pub fn reward(&self, signals: &Signals, terminated: bool) -> f64 {
         self.reward.terms.iter().map(|term| term.value(signals, &self.layout, terminated)).sum()
     }
+}
+
+/// Refuses a compiled robot that the terms cannot be computed for.
+fn check(robot: &Robot, layout: &Layout) -> Result<(), SimError> {
+    let bad = |why: String| Err(SimError::Config(format!("robot `{}`: {why}", robot.name)));
+    if layout.nq < 3 {
+        return bad(format!("it has {} positions, but the third one is the height of its root", layout.nq));
+    }
+    if layout.nu == 0 {
+        return bad("it has no actuators".into());
+    }
+    for term in &robot.observation.terms {
+        if let ObservationTerm::Qpos { skip } = term
+            && *skip >= layout.nq
+        {
+            return bad(format!(
+                "the observation term `qpos` skips {skip} of {} positions; expected fewer",
+                layout.nq
+            ));
+        }
+    }
+    Ok(())
 }

@@ -344,11 +344,23 @@ impl VectorEnv {
 
     /// Puts every env into a given state and refreshes the observations. Episodes go on.
     ///
+    /// Everything else that the state of a robot may hold, such as activations of its actuators, is that of a robot
+    /// at rest. Since this is another state than the one that positions and velocities were read from, a robot with
+    /// more than these is refused unless `at_rest` says that this is meant; [`VectorEnv::restore`] goes back to all
+    /// of it.
+    ///
     /// # Shapes
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
-    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64]) -> Result<(), SimError> {
+    pub fn set_state(&mut self, qpos: &[f64], qvel: &[f64], at_rest: bool) -> Result<(), SimError> {
         if !self.started {
             return Err(SimError::Config("the env must be reset before its state can be set".into()));
+        }
+        let hidden = &self.backend.task().layout().hidden_state;
+        if !at_rest && !hidden.is_empty() {
+            return Err(SimError::Config(format!(
+                "the state of this robot is more than positions and velocities: {hidden}. Keep all of it with \
+                 save_state and go back with restore_state, or say at_rest=True to begin with it as after a reset"
+            )));
         }
         let skip = vec![false; self.num_envs()];
         self.backend.set_state(

@@ -280,7 +280,7 @@ fn a_policy_that_is_unaware_of_damage_gets_no_code() {
 fn a_state_that_is_set_is_observed_with_the_code_kept() {
     let mut env = started(config(1, Autoreset::SameStep));
     let kept = code(&env, 0);
-    env.set_state(&[7.0, 8.0, 9.0], &[0.0]).unwrap();
+    env.set_state(&[7.0, 8.0, 9.0], &[0.0], false).unwrap();
     assert_eq!((counts(&env, 0), code(&env, 0)), ([7.0, 8.0, 9.0], kept));
     let (mut qpos, mut qvel) = ([0.0; 3], [0.0]);
     env.state(&mut qpos, &mut qvel).unwrap();
@@ -307,7 +307,7 @@ fn impossible_settings_are_refused() {
 fn wrong_arguments_are_refused_and_change_nothing() {
     let mut env = make(config(2, Autoreset::SameStep)).unwrap();
     assert!(env.step(&WALK).unwrap_err().to_string().contains("reset before its first step"));
-    assert!(env.set_state(&[0.0; 6], &[0.0; 2]).unwrap_err().to_string().contains("must be reset"));
+    assert!(env.set_state(&[0.0; 6], &[0.0; 2], false).unwrap_err().to_string().contains("must be reset"));
     let partly = ResetOptions { mask: Some(&[true, false]), ..ResetOptions::default() };
     assert!(env.reset(partly).unwrap_err().to_string().contains("must reset every env"));
     env.reset(ResetOptions::default()).unwrap();

@@ -51,6 +51,7 @@ impl Counter {
             main_body: 0,
             limb_bodies: vec![vec![]; 4],
             touch_addresses: vec![],
+            hidden_state: String::new(),
         };
         let task = Task::new(&Robot::from_toml(ROBOT).unwrap(), &layout, None).unwrap();
         Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }

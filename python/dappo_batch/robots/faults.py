@@ -1,0 +1,33 @@
+"""How several faults of a robot become one error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dappo_batch._core import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["refuse"]
+
+_MOST_SHOWN = 20
+
+
+def refuse(what: str, faults: Sequence[str]) -> None:
+    """Raise one error that lists all faults of `what`; nothing happens without faults.
+
+    Raises
+    ------
+    ConfigError
+        If there is a fault.
+    """
+    if not faults:
+        return
+    if len(faults) == 1:
+        raise ConfigError(f"{what}: {faults[0]}")
+    shown = list(faults[:_MOST_SHOWN])
+    if more := len(faults) - len(shown):
+        shown.append(f"and {more} more")
+    lines = "".join(f"\n  - {fault}" for fault in shown)
+    raise ConfigError(f"{what} has {len(faults)} faults:{lines}")

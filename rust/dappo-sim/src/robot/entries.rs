@@ -1,0 +1,149 @@
+//! Reads the entries of a table and notes what is wrong with each.
+
+use std::ops::RangeInclusive;
+
+use toml::{Table, Value};
+
+use super::faults::{number, shown};
+
+/// One table of a robot file while it is checked.
+pub(super) struct Entries<'a, 'f> {
+    table: &'a Table,
+    /// Where the table stands; empty for the file itself.
+    place: String,
+    found: &'f mut Vec<String>,
+    known: Vec<&'static str>,
+}
+
+impl<'a, 'f> Entries<'a, 'f> {
+    pub fn new(table: &'a Table, place: String, found: &'f mut Vec<String>) -> Self {
+        Self { table, place, found, known: Vec::new() }
+    }
+
+    /// Notes a fault.
+    pub fn fault(&mut self, what: String) {
+        let place = if self.place.is_empty() { String::new() } else { format!("{}: ", self.place) };
+        self.found.push(format!("{place}{what}"));
+    }
+
+    fn get(&mut self, key: &'static str) -> Option<&'a Value> {
+        self.known.push(key);
+        self.table.get(key)
+    }
+
+    /// A required entry that `read` understands.
+    fn required<T>(
+        &mut self,
+        key: &'static str,
+        expected: &str,
+        read: impl FnOnce(&'a Value) -> Option<T>,
+    ) -> Option<T> {
+        let Some(value) = self.get(key) else {
+            self.fault(format!("the entry `{key}` is missing; expected {expected}"));
+            return None;
+        };
+        let result = read(value);
+        if result.is_none() {
+            self.fault(format!("`{key}` is {}, expected {expected}", shown(value)));
+        }
+        result
+    }
+
+    fn optional<T>(
+        &mut self,
+        key: &'static str,
+        expected: &str,
+        read: impl FnOnce(&'a Value) -> Option<T>,
+    ) -> Option<T> {
+        if self.table.contains_key(key) {
+            return self.required(key, expected, read);
+        }
+        self.known.push(key);
+        None
+    }
+
+    pub fn text(&mut self, key: &'static str) -> Option<&'a str> {
+        self.required(key, "a text in quotes", text)
+    }
+
+    pub fn optional_text(&mut self, key: &'static str) -> Option<&'a str> {
+        self.optional(key, "a text in quotes", text)
+    }
+
+    pub fn whole(&mut self, key: &'static str, range: RangeInclusive<i64>) -> Option<i64> {
+        let expected = format!("a whole number from {} to {}", range.start(), range.end());
+        self.required(key, &expected, |value| value.as_integer().filter(|whole| range.contains(whole)))
+    }
+
+    pub fn optional_whole(&mut self, key: &'static str, range: RangeInclusive<i64>) -> Option<i64> {
+        if self.table.contains_key(key) {
+            return self.whole(key, range);
+        }
+        self.known.push(key);
+        None
+    }
+
+    pub fn number(&mut self, key: &'static str, range: RangeInclusive<f64>) -> Option<f64> {
+        let expected = format!("a number from {} to {}", range.start(), range.end());
+        self.required(key, &expected, |value| number(value).filter(|number| range.contains(number)))
+    }
+
+    pub fn positive(&mut self, key: &'static str, most: f64) -> Option<f64> {
+        let expected = format!("a number above 0 and at most {most}");
+        self.required(key, &expected, |value| number(value).filter(|number| *number > 0.0 && *number <= most))
+    }
+
+    pub fn table(&mut self, key: &'static str) -> Option<&'a Table> {
+        self.required(key, &format!("a table [{key}]"), Value::as_table)
+    }
+
+    pub fn optional_table(&mut self, key: &'static str) -> Option<&'a Table> {
+        self.optional(key, &format!("a table [{key}]"), Value::as_table)
+    }
+
+    pub fn list(&mut self, key: &'static str) -> Option<&'a [Value]> {
+        self.required(key, "a list", |value| value.as_array().map(Vec::as_slice))
+    }
+
+    /// A list of at least `least` texts.
+    pub fn texts(&mut self, key: &'static str, least: usize) -> Vec<&'a str> {
+        let Some(values) = self.list(key) else { return Vec::new() };
+        if values.len() < least {
+            self.fault(format!("`{key}` is empty, expected a list of texts"));
+        }
+        if let Some(other) = values.iter().find(|value| text(value).is_none()) {
+            self.fault(format!("`{key}` must be a list of texts in quotes, got {} in it", shown(other)));
+        }
+        values.iter().filter_map(text).collect()
+    }
+
+    /// The tables of `terms`, with their places in the list.
+    pub fn terms(&mut self) -> Vec<(usize, &'a Table)> {
+        let Some(values) = self.list("terms") else { return Vec::new() };
+        if values.is_empty() {
+            self.fault("`terms` is empty, expected a list of tables such as { term = \"NAME\" }".into());
+        }
+        for (index, value) in values.iter().enumerate().filter(|(_, value)| !value.is_table()) {
+            self.fault(format!(
+                "term {index} is {}, expected a table such as {{ term = \"NAME\" }}",
+                shown(value)
+            ));
+        }
+        values.iter().enumerate().filter_map(|(index, value)| Some((index, value.as_table()?))).collect()
+    }
+
+    /// Notes the entries that nobody asked for.
+    pub fn finish(&mut self) {
+        let unknown: Vec<String> =
+            self.table.keys().filter(|key| !self.known.contains(&key.as_str())).take(8).cloned().collect();
+        if !unknown.is_empty() {
+            let known = self.known.join(", ");
+            self.fault(format!("unknown entries {}; expected {known}", unknown.join(", ")));
+        }
+    }
+}
+
+/// A text with something in it.
+fn text(value: &Value) -> Option<&str> {
+    value.as_str().filter(|text| !text.trim().is_empty())
+}

@@ -1,0 +1,247 @@
+//! Every fault of a robot file at once.
+//!
+//! serde stops at the first fault, so the file is looked through as a table of values before it becomes a
+//! [`Robot`](super::Robot). A file without a fault here can be deserialised.
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+use toml::{Table, Value};
+
+use super::entries::Entries;
+
+/// Physics substeps an env step.
+const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
+/// Time limit in steps.
+const EPISODE_STEPS: RangeInclusive<i64> = 1..=1_000_000_000;
+/// Weights, clips and scales up to here keep every reward and observation finite in single precision: at worst a
+/// weight times the fourth power of a clip times the number of bodies.
+const LARGEST: f64 = 1e6;
+/// Noise of the start state: positions are m or rad, velocities m/s or rad/s.
+const QPOS_NOISE: RangeInclusive<f64> = 0.0..=10.0;
+const QVEL_NOISE: RangeInclusive<f64> = 0.0..=100.0;
+/// Limbs of a robot, a guard against a mistyped file: each limb multiplies the damage classes.
+const MOST_LIMBS: usize = 64;
+
+/// What is wrong with a robot file, a sentence a fault; empty if nothing is.
+pub(super) fn faults(file: &Table) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut top = Entries::new(file, String::new(), &mut found);
+    if let Some(name) = top.text("name")
+        && !is_file_name(name)
+    {
+        top.fault(format!(
+            "`name` is {name:?}, expected letters, digits, `-`, `_` and `.`, at most 64, the first one no `.`: run \
+             folders are called after it"
+        ));
+    }
+    top.text("mjcf");
+    top.text("main_body");
+    top.whole("frame_skip", FRAME_SKIP);
+    top.whole("max_episode_steps", EPISODE_STEPS);
+    top.positive("action_scale", LARGEST);
+    let limbs = top.list("limbs");
+    let damage = top.table("damage");
+    let reset = top.table("reset");
+    let termination = top.table("termination");
+    let observation = top.table("observation");
+    let reward = top.table("reward");
+    top.optional_table("pictures");
+    top.finish();
+
+    let touches = limbs.map(|limbs| check_limbs(limbs, &mut found));
+    if let (Some(damage), Some(limbs)) = (damage, limbs) {
+        check_damage(damage, limbs.len(), &mut found);
+    }
+    if let Some(reset) = reset {
+        let mut entries = Entries::new(reset, "[reset]".into(), &mut found);
+        entries.number("qpos_noise", QPOS_NOISE);
+        entries.number("qvel_noise", QVEL_NOISE);
+        entries.finish();
+    }
+    if let Some(termination) = termination {
+        let mut entries = Entries::new(termination, "[termination]".into(), &mut found);
+        check_height(&mut entries);
+        entries.finish();
+    }
+    if let Some(observation) = observation {
+        check_observation(observation, touches.unwrap_or(true), &mut found);
+    }
+    if let Some(reward) = reward {
+        check_rewards(reward, &mut found);
+    }
+    found
+}
+
+/// Whether a name can be part of the name of a folder, on every system.
+fn is_file_name(name: &str) -> bool {
+    let known = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.');
+    name.len() <= 64 && name.bytes().all(known) && !name.starts_with('.')
+}
+
+/// Checks the limbs; whether each has a touch sensor.
+fn check_limbs(limbs: &[Value], found: &mut Vec<String>) -> bool {
+    if limbs.is_empty() || limbs.len() > MOST_LIMBS {
+        found.push(format!(
+            "`limbs` has {} entries, expected 1 to {MOST_LIMBS} tables [[limbs]]",
+            limbs.len()
+        ));
+        return false;
+    }
+    let (mut touches, mut seen) = (0, BTreeMap::new());
+    for (index, limb) in limbs.iter().enumerate() {
+        let place = format!("limb {index}");
+        let Some(limb) = limb.as_table() else {
+            found.push(format!("{place}: expected a table [[limbs]], got {}", shown(limb)));
+            continue;
+        };
+        let mut entries = Entries::new(limb, place, found);
+        for key in ["name", "body"] {
+            let Some(text) = entries.text(key) else { continue };
+            if let Some(other) = seen.insert((key, text), index) {
+                entries.fault(format!("`{key}` is {text:?}, which limb {other} has already"));
+            }
+        }
+        for joint in entries.texts("joints", 1) {
+            if let Some(other) = seen.insert(("joints", joint), index) {
+                entries.fault(format!("the joint {joint:?} is listed by limb {other} already"));
+            }
+        }
+        entries.optional_text("toe_geom");
+        touches += usize::from(entries.optional_text("touch").is_some());
+        entries.optional_text("touch_site");
+        entries.finish();
+    }
+    if touches != 0 && touches != limbs.len() {
+        found.push(format!(
+            "{touches} of {} limbs have a `touch` sensor; give it to all or none",
+            limbs.len()
+        ));
+    }
+    touches > 0
+}
+
+fn check_damage(damage: &Table, limbs: usize, found: &mut Vec<String>) {
+    let mut entries = Entries::new(damage, "[damage]".into(), found);
+    let types = entries.texts("types", 0);
+    if let Some((index, twice)) =
+        types.iter().enumerate().find(|(index, name)| types[..*index].contains(name))
+    {
+        entries.fault(format!("`types` lists {twice:?} twice, the second time as entry {index}"));
+    }
+    let most = entries.whole("max_damaged_limbs", 0..=limbs as i64);
+    if most.is_some_and(|most| most > 0) && damage.contains_key("types") && types.is_empty() {
+        entries.fault("`max_damaged_limbs` is above 0, but `types` is empty".into());
+    }
+    // Any other entry is the table of a damage type, whose parameters belong to Python.
+    for (key, value) in damage {
+        if !matches!(key.as_str(), "types" | "max_damaged_limbs") && !value.is_table() {
+            entries.fault(format!(
+                "`{key}` is {}; expected `types`, `max_damaged_limbs` or a table [damage.TYPE] with the parameters of a \
+                 damage type",
+                shown(value)
+            ));
+        }
+    }
+}
+
+fn check_height(entries: &mut Entries) {
+    let Some(range) = entries.list("height") else { return };
+    let numbers: Vec<f64> = range.iter().filter_map(number).collect();
+    let is_range = matches!(numbers[..], [low, high] if range.len() == 2 && low < high);
+    if !is_range {
+        let shown: Vec<String> = range.iter().take(4).map(shown).collect();
+        entries.fault(format!(
+            "`height` is [{}], expected [low, high], two numbers in m with low < high",
+            shown.join(", ")
+        ));
+    }
+}
+
+fn check_observation(observation: &Table, has_touch: bool, found: &mut Vec<String>) {
+    let mut entries = Entries::new(observation, "[observation]".into(), found);
+    let terms = entries.terms();
+    entries.finish();
+    for (index, term) in terms {
+        let mut entries = Entries::new(term, format!("[observation] term {index}"), found);
+        match entries.text("term") {
+            Some("qpos") => {
+                entries.optional_whole("skip", 0..=1_000_000);
+            }
+            Some("cfrc_ext") => {
+                entries.positive("clip", LARGEST);
+            }
+            Some("touch") if !has_touch => {
+                entries.fault("the term `touch` needs a `touch` sensor on every limb".into());
+            }
+            Some("qvel" | "touch") | None => {}
+            Some(other) => {
+                entries.fault(format!("`term` is {other:?}, expected one of qpos, qvel, cfrc_ext, touch"));
+                continue;
+            }
+        }
+        entries.finish();
+    }
+}
+
+fn check_rewards(reward: &Table, found: &mut Vec<String>) {
+    let mut entries = Entries::new(reward, "[reward]".into(), found);
+    let names: Vec<&str> = reward.keys().map(String::as_str).filter(|key| *key != "default").collect();
+    if let Some(default) = entries.text("default")
+        && !names.contains(&default)
+    {
+        entries
+            .fault(format!("`default` is {default:?}, which is none of the rewards ({})", names.join(", ")));
+    }
+    for name in names {
+        let Some(function) = reward[name].as_table() else {
+            found.push(format!(
+                "[reward]: `{name}` is {}, expected a table [reward.{name}]",
+                shown(&reward[name])
+            ));
+            continue;
+        };
+        let place = format!("[reward.{name}]");
+        let mut entries = Entries::new(function, place.clone(), found);
+        let terms = entries.terms();
+        entries.finish();
+        for (index, term) in terms {
+            check_reward_term(&mut Entries::new(term, format!("{place} term {index}"), found));
+        }
+    }
+}
+
+fn check_reward_term(entries: &mut Entries) {
+    match entries.text("term") {
+        Some("forward_velocity" | "survive" | "limb_contacts" | "ctrl_squared") | None => {}
+        Some("contact_forces_squared" | "link_loads_squared") => {
+            entries.positive("clip", LARGEST);
+        }
+        Some(other) => {
+            return entries.fault(format!(
+                "`term` is {other:?}, expected one of forward_velocity, survive, limb_contacts, ctrl_squared, \
+                 contact_forces_squared, link_loads_squared"
+            ));
+        }
+    }
+    entries.number("weight", -LARGEST..=LARGEST);
+    entries.finish();
+}
+
+/// A number, written with or without a point.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+/// A value for a message, cut where it is long.
+pub(super) fn shown(value: &Value) -> String {
+    match value {
+        Value::Table(_) => "a table".into(),
+        Value::Array(_) => "a list".into(),
+        Value::String(text) => {
+            let short: String = text.chars().take(60).collect();
+            format!("{short:?}")
+        }
+        other => other.to_string(),
+    }
+}
