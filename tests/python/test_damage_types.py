@@ -272,3 +272,190 @@ def test_a_limb_that_cannot_break_in_this_way_is_named(body: str, damage: Damage
     limb = Limb(name="only", body="b", joints=("j",), toe_geom="toe")
     with pytest.raises(ConfigError, match=message):
         damage.apply(spec, limb, 1.0)
+
+
+# A limb of two segments. What is put into {end} hangs on the lower one, 0.4 m long.
+LIMB = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="torso" pos="0 0 1"><freejoint/><geom size="0.1"/>
+  <site name="hub"/>
+  <body name="limb"><joint name="hip" range="-1 1"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
+    <body name="shank" pos="0.3 0 0"><joint name="knee" axis="0 1 0" range="-1 1" {joint}/>
+      <geom name="toe" type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03"/>
+      <site name="ankle" pos="0 0 -0.4"/>{end}
+    </body></body>
+  <body name="other"><joint name="elbow" range="-1 1"/><geom size="0.05"/><site name="hand"/></body>
+  </body></worldbody>{extra}</mujoco>"""
+ONE = Limb(name="one", body="limb", joints=("hip", "knee"), toe_geom="toe")
+STUMP = MissingToe(half_length=0.01)
+
+
+def limb(end: str = "", extra: str = "", joint: str = "") -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(LIMB.format(end=end, extra=extra, joint=joint))
+
+
+def places(spec: mujoco.MjSpec, kind: str, name: str) -> np.ndarray:
+    """Return where something is relative to the knee."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return np.asarray(getattr(data, kind)(name).xpos - data.joint("knee").xanchor)
+
+
+FEET = {
+    "ball": ('<geom name="foot" size="0.05" pos="0 0 -0.4"/>', "geom"),
+    "ball a little further out": ('<geom name="foot" size="0.05" pos="0.02 0 -0.45"/>', "geom"),
+    "box in a body of its own": (
+        '<body pos="0 0 -0.4"><geom name="foot" type="box" size="0.05 0.03 0.01"/></body>',
+        "geom",
+    ),
+    "foot that weighs what an <inertial> says": (
+        '<body name="foot" pos="0 0 -0.4"><inertial pos="0 0 0" mass="0.2" diaginertia="1e-3 1e-3'
+        ' 1e-3"/></body>',
+        "body",
+    ),
+    "capsule across": (
+        '<geom name="foot" type="capsule" fromto="-0.1 0 -0.4 0.1 0 -0.4" size="0.02"/>',
+        "geom",
+    ),
+    "camera mount": ('<site name="foot" pos="0 0 -0.39"/>', "site"),
+}
+
+
+@pytest.mark.parametrize("foot", FEET)
+@pytest.mark.parametrize("severity", [0.5, 1.0])
+def test_a_foot_comes_with_the_end_of_the_stump(foot: str, severity: float) -> None:
+    end, kind = FEET[foot]
+    sound = places(limb(end), kind, "foot")
+    spec = limb(end)
+    STUMP.apply(spec, ONE, severity)
+    lost = severity * (0.4 - 0.02)
+    assert places(spec, kind, "foot") == pytest.approx(sound + np.array([0, 0, lost]), abs=1e-12)
+    assert places(spec, "site", "ankle") == pytest.approx([0, 0, -0.4 + lost], abs=1e-12)
+    healthy_mass, mass = (item.compile().body("shank").subtreemass for item in (limb(end), spec))
+    assert healthy_mass - mass == pytest.approx(1000 * math.pi * 0.03**2 * lost)
+
+
+def test_what_lies_on_the_stump_stays_there() -> None:
+    spec = limb('<geom name="knee" size="0.05" pos="0 0 0.02"/>')
+    STUMP.apply(spec, ONE, 1.0)
+    assert places(spec, "geom", "knee") == pytest.approx([0, 0, 0.02])
+
+
+def test_a_cover_that_is_only_looked_at_is_hidden() -> None:
+    spec = limb(
+        '<geom name="cover" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2" contype="0" conaffinity="0"'
+        ' mass="0"/>'
+    )
+    STUMP.apply(spec, ONE, 1.0)
+    assert spec.compile().geom("cover").rgba[3] == 0
+
+
+@pytest.mark.parametrize(
+    ("end", "extra", "message"),
+    [
+        (
+            '<geom name="shin" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2"/>',
+            "",
+            "geom shin lies along geom toe",
+        ),
+        (
+            '<body name="shin"><geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.04"/></body>',
+            "",
+            "body shin lies along geom toe",
+        ),
+        (
+            '<body pos="0 0 -0.4"><joint name="heel"/><geom size="0.05"/></body>',
+            "",
+            "joint heel hangs on geom toe, so that is not the lowest",
+        ),
+        (
+            "",
+            '<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
+            "an equality constraint holds body shank",
+        ),
+        (
+            "",
+            '<tendon><spatial name="rope"><site site="hub"/><site site="ankle"/></spatial></tendon>',
+            "tendon rope is attached to body shank",
+        ),
+        (
+            '<frame><geom name="foot" size="0.05" pos="0 0 -0.4"/></frame>',
+            "",
+            "foot at the end of the toe lies in a <frame>",
+        ),
+    ],
+)
+def test_a_toe_that_cannot_break_off_alone_is_refused(end: str, extra: str, message: str) -> None:
+    spec = limb(end, extra if extra else "<contact/>")
+    with pytest.raises(ConfigError, match=message):
+        STUMP.apply(spec, ONE, 1.0)
+
+
+def test_a_jammed_joint_stays_in_the_pose_of_the_mjcf() -> None:
+    spec = limb(joint='ref="0.5"')
+    JammedJoint(joint=1, range_deg=1.0).apply(spec, ONE, 1.0)
+    model = spec.compile()
+    assert model.joint("knee").range == pytest.approx([0.5 - math.radians(1), 0.5 + math.radians(1)])
+    assert model.joint("knee").qpos0 == pytest.approx(0.5)
+
+
+TENDON = """<tendon><fixed name="cord">
+  <joint joint="knee" coef="0.5"/><joint joint="hip" coef="1"/></fixed></tendon>"""
+ROPE = '<tendon><spatial name="rope"><site site="hub"/><site site="ankle"/></spatial></tendon>'
+MOTORS = {
+    "joint": '<actuator><motor joint="knee" gear="3"/></actuator>',
+    "joint in the frame of its parent": '<actuator><motor jointinparent="knee" gear="3"/></actuator>',
+    "fixed tendon": f'{TENDON}<actuator><position tendon="cord" kp="7" kv="1"/></actuator>',
+    "spatial tendon to the torso": f'{ROPE}<actuator><motor tendon="rope" gear="9"/></actuator>',
+    "site": '<actuator><motor site="ankle" gear="1 2 3 0 0 0"/></actuator>',
+    "site seen from the torso": (
+        '<actuator><motor site="ankle" refsite="hub" gear="1 2 3 0 0 0"/></actuator>'
+    ),
+    "slider-crank": '<actuator><motor cranksite="ankle" slidersite="hub" cranklength="1"/></actuator>',
+    "filtered": ('<actuator><general joint="knee" dyntype="filter" dynprm="0.1" gainprm="5"/></actuator>'),
+}
+
+
+@pytest.mark.parametrize("kind", MOTORS)
+@pytest.mark.parametrize("joint", ["", 'actuatorfrcrange="-0.2 0.1"'])
+def test_a_weak_motor_gives_its_share_by_whatever_it_moves_the_limb(kind: str, joint: str) -> None:
+    spec = limb(extra=MOTORS[kind], joint=joint)
+    WeakMotor(strength=0.25).apply(spec, ONE, 1.0)
+    sound, weak = limb(extra=MOTORS[kind], joint=joint).compile(), spec.compile()
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        state = rng.uniform(-0.5, 0.5, (4, sound.nv))
+        forces = []
+        for model in (sound, weak):
+            data = mujoco.MjData(model)
+            data.ctrl[:], data.act[:] = state[0, : model.nu], state[1, : model.na]
+            data.qpos[7:], data.qvel[:] = state[2, 6:], state[3]
+            mujoco.mj_forward(model, data)
+            forces.append(data.qfrc_actuator.copy())
+        assert np.any(forces[0] != 0)
+        assert forces[1] == pytest.approx(0.25 * forces[0], rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("extra", "joint", "message"),
+    [
+        (
+            '<tendon><fixed name="cord"><joint joint="knee" coef="1"/><joint joint="elbow"'
+            ' coef="1"/></fixed></tendon>'
+            '<actuator><motor name="pair" tendon="cord"/></actuator>',
+            "",
+            "actuator pair moves limb one together with body 'other'",
+        ),
+        (
+            '<tendon><spatial name="rope"><site site="hand"/><site site="ankle"/></spatial></tendon>'
+            '<actuator><motor name="pair" tendon="rope"/></actuator>',
+            "",
+            "actuator pair moves limb one together with body 'other'",
+        ),
+        ('<actuator><motor joint="elbow"/></actuator>', "", "limb one has no actuator"),
+        ('<actuator><motor joint="knee"/></actuator>', 'actuatorgravcomp="true"', "compensate for gravity"),
+    ],
+)
+def test_a_motor_that_cannot_weaken_alone_is_refused(extra: str, joint: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        WeakMotor().apply(limb(extra=extra, joint=joint), ONE, 1.0)

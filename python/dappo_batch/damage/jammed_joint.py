@@ -19,11 +19,12 @@ __all__ = ["JammedJoint"]
 
 @dataclass(frozen=True)
 class JammedJoint(DamageType):
-    """A joint whose range shrinks to a sliver around its zero position.
+    """A joint whose range shrinks to a sliver around its reference position, that of the MJCF.
 
-    Both ends of the range move linearly with the severity, from the healthy range to ±`range_deg`. Only
-    ``jnt_range`` of the compiled model changes: the joint's limits are soft constraints, and a strong motor
-    moves a jammed joint a little beyond them.
+    Both ends of the range move linearly with the severity, from the healthy range to ±`range_deg` around
+    the joint's ``ref``, which is 0 where the MJCF gives none. Only ``jnt_range`` of the compiled model
+    changes: the joint's limits are soft constraints, and a strong motor moves a jammed joint a little
+    beyond them.
 
     Attributes
     ----------
@@ -64,7 +65,8 @@ class JammedJoint(DamageType):
         # MjSpec keeps angles in the unit of the file they were written in; the compiler converts them later.
         target = self.range_deg if joint.compiler.degree else math.radians(self.range_deg)
         low, high = float(joint.range[0]), float(joint.range[1])
-        joint.range = [low + severity * (-target - low), high + severity * (target - high)]
+        middle = float(joint.ref)
+        joint.range = [low + severity * (middle - target - low), high + severity * (middle + target - high)]
 
 
 def _is_limited(joint: mujoco.MjsJoint) -> bool:

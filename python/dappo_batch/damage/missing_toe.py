@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import mujoco
 import numpy as np
 
 from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
+from dappo_batch.damage.stump import Cut, carry_along
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dappo_batch.robots import Limb
+
+    Vector: TypeAlias = NDArray[np.float64]
 
 __all__ = ["MissingToe"]
 
@@ -28,6 +31,11 @@ class MissingToe(DamageType):
     joint, the direction and the radius stay. The compiler derives mass and inertia from the density; a mass
     written in the MJCF is scaled by the capsule's volume. A capsule-shaped touch site shrinks in proportion,
     and the limb's touch signal reads 0 at every severity.
+
+    What else belongs to the segment does not stay where it ended: a foot, a site or a rigidly fixed body at
+    its end moves to the end of the stump, with its mass; a geom that is only looked at is hidden. A part
+    that could do neither, a joint further out, or a constraint or tendon that holds the segment from
+    outside is refused.
 
     Attributes
     ----------
@@ -46,6 +54,12 @@ class MissingToe(DamageType):
 
     def apply(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> None:
         """Shorten the limb's toe; see `DamageType.apply`."""
+        if limb.toe_geom is None:
+            raise ConfigError(
+                f"missing_toe: limb {limb.name} names no toe_geom; write the geom of its lowest segment"
+                " into the robot"
+                " TOML"
+            )
         geom = spec.geom(limb.toe_geom)
         if geom is None:
             raise ConfigError(f"missing_toe: limb {limb.name}: the MJCF has no geom {limb.toe_geom!r}")
@@ -64,11 +78,16 @@ class MissingToe(DamageType):
             )
         stump = full + severity * (self.half_length - full)
         radius = float(geom.size[0])
+        site = None if limb.touch_site is None else spec.site(limb.touch_site)
+        if site is not None and site.type != mujoco.mjtGeom.mjGEOM_CAPSULE:
+            site = None
+        near, direction = _axis(spec, geom)
+        cut = Cut(near, direction, 2 * full, 2 * stump, 2 * self.half_length, radius)
+        carry_along(spec, geom, site, cut)
         _shorten(spec, geom, stump)
         if not math.isnan(geom.mass):  # NaN: the MJCF gives no mass, the compiler takes the density
             geom.mass = geom.mass * _volume(radius, stump) / _volume(radius, full)
-        site = None if limb.touch_site is None else spec.site(limb.touch_site)
-        if site is not None and site.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        if site is not None:
             _shorten(spec, site, _half_length(site) * stump / full)
 
 
@@ -87,8 +106,8 @@ def _has_fromto(capsule: mujoco.MjsGeom | mujoco.MjsSite) -> bool:
     return not math.isnan(capsule.fromto[0])
 
 
-def _shorten(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite, half_length: float) -> None:
-    """Give a capsule a new half-length, keeping the end at the joint in place."""
+def _axis(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite) -> tuple[Vector, Vector]:
+    """Return a capsule's end at the joint and the direction of the other one, in the body's frame."""
     if capsule.frame is not None:
         raise ConfigError(f"missing_toe: {capsule.name} lies in a <frame>, place it in its body directly")
     joints = capsule.parent.joints
@@ -100,7 +119,12 @@ def _shorten(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite, half
         near, far = capsule.pos - arm, capsule.pos + arm
     if np.linalg.norm(far - anchor) < np.linalg.norm(near - anchor):
         near, far = far, near
-    direction = (far - near) / np.linalg.norm(far - near)
+    return near, (far - near) / np.linalg.norm(far - near)
+
+
+def _shorten(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite, half_length: float) -> None:
+    """Give a capsule a new half-length, keeping the end at the joint in place."""
+    near, direction = _axis(spec, capsule)
     if _has_fromto(capsule):
         capsule.fromto = np.concatenate([near, near + 2 * half_length * direction])
     else:
@@ -108,7 +132,7 @@ def _shorten(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite, half
         capsule.size[1] = half_length
 
 
-def _direction(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite) -> NDArray[np.float64]:
+def _direction(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite) -> Vector:
     """Return the direction of a capsule's axis, its own z, in the body's frame."""
     quat = np.asarray(capsule.quat, dtype=np.float64)
     if capsule.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:

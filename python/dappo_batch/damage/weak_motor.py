@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
+from dappo_batch.damage.parts import carries, is_on, joints_of
 
 if TYPE_CHECKING:
     from dappo_batch.robots import Limb
@@ -23,10 +24,12 @@ _SCALABLE_BIASES = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 
 @dataclass(frozen=True)
 class WeakMotor(DamageType):
-    """Motors or servos on the limb's joints that give a share of the torque they gave, in every state.
+    """Motors or servos of the limb that give a share of the torque they gave, in every state.
 
     The share falls linearly with the severity, from 1 to `strength`. It scales the gain, the bias and the
-    limit of the force of every actuator on a joint of the limb, and nothing else.
+    limit of the force of every actuator that moves the limb, by a joint, a tendon, a site, a slider-crank
+    or a body, and the limits of the actuators' force on the limb's joints and on those tendons; nothing
+    else.
 
     Attributes
     ----------
@@ -44,16 +47,25 @@ class WeakMotor(DamageType):
 
     def apply(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> None:
         """Weaken the actuators of the limb; see `DamageType.apply`."""
-        actuators = [
-            actuator
-            for actuator in spec.actuators
-            if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in limb.joints
-        ]
+        actuators = [actuator for actuator in spec.actuators if _moves(spec, actuator, limb)]
         if not actuators:
-            raise ConfigError(f"weak_motor: limb {limb.name} has no actuator on its joints that could weaken")
+            raise ConfigError(f"weak_motor: limb {limb.name} has no actuator that could weaken")
+        joints = joints_of(spec, limb)
+        if any(joint.actgravcomp for joint in joints):
+            raise ConfigError(
+                f"weak_motor: limb {limb.name} has a joint whose actuators compensate for gravity"
+                " (actuatorgravcomp),"
+                " which would not weaken; use gravity compensation without it"
+            )
         share = 1 + severity * (self.strength - 1)
+        tendons = {a.target for a in actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON}
         for actuator in actuators:
-            if actuator.gaintype not in _SCALABLE_GAINS or actuator.biastype not in _SCALABLE_BIASES:
+            is_plugin = actuator.plugin is not None and actuator.plugin.active
+            if (
+                is_plugin
+                or actuator.gaintype not in _SCALABLE_GAINS
+                or actuator.biastype not in _SCALABLE_BIASES
+            ):
                 raise ConfigError(
                     f"weak_motor: actuator {actuator.name} has a gain or a bias of another kind than fixed or"
                     " affine; make it a motor, or a position or velocity servo"
@@ -61,3 +73,58 @@ class WeakMotor(DamageType):
             actuator.gainprm = share * np.asarray(actuator.gainprm)
             actuator.biasprm = share * np.asarray(actuator.biasprm)
             actuator.forcerange = share * np.asarray(actuator.forcerange)
+        # A limit that stayed would let a motor that saturates it give the torque of a healthy one.
+        for limited in [*joints, *(spec.tendon(name) for name in tendons)]:
+            limited.actfrcrange = share * np.asarray(limited.actfrcrange)
+
+
+def _moves(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, limb: Limb) -> bool:
+    """Return whether an actuator belongs to a limb.
+
+    Raises
+    ------
+    ConfigError
+        If it moves the limb together with another one.
+    """
+    inside, foreign = False, []
+    for body in _bodies_moved(spec, actuator):
+        if is_on(body, limb):
+            inside = True
+        elif actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and _is_fixed(spec.tendon(actuator.target)):
+            foreign.append(body.name)  # a joint of the torso moves as well
+        elif not carries(body, spec, limb):
+            foreign.append(body.name)
+    if inside and foreign:
+        raise ConfigError(
+            f"weak_motor: actuator {actuator.name or actuator.target} moves limb {limb.name} together with"
+            " body"
+            f" {foreign[0]!r} outside of it; give the limb actuators of its own"
+        )
+    return inside
+
+
+def _bodies_moved(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> list[mujoco.MjsBody]:
+    kind, transmissions = actuator.trntype, mujoco.mjtTrn
+    if kind == transmissions.mjTRN_BODY:
+        return _existing([spec.body(actuator.target)])
+    if kind == transmissions.mjTRN_SITE:
+        return [site.parent for site in _existing([spec.site(actuator.target), spec.site(actuator.refsite)])]
+    if kind == transmissions.mjTRN_SLIDERCRANK:
+        return [
+            site.parent for site in _existing([spec.site(actuator.target), spec.site(actuator.slidersite)])
+        ]
+    if kind == transmissions.mjTRN_TENDON:
+        tendon = spec.tendon(actuator.target)
+        targets = [] if tendon is None else [wrap.target for wrap in tendon.path]
+        return [target.parent for target in targets if target is not None]
+    # Every other transmission, whatever it is called, has a joint.
+    return [joint.parent for joint in _existing([spec.joint(actuator.target)])]
+
+
+def _existing(items: list[Any]) -> list[Any]:
+    """Leave out what the MJCF names but does not have; the compiler reports it."""
+    return [item for item in items if item is not None]
+
+
+def _is_fixed(tendon: mujoco.MjsTendon) -> bool:
+    return all(wrap.type == mujoco.mjtWrap.mjWRAP_JOINT for wrap in tendon.path)

@@ -1,0 +1,38 @@
+"""What belongs to a limb in an MJCF that is not compiled yet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from dappo_batch.robots import Limb
+
+__all__ = ["carries", "is_on", "joints_of"]
+
+
+def is_on(body: mujoco.MjsBody, limb: Limb) -> bool:
+    """Return whether a body is the root body of a limb or lies below it."""
+    while body is not None and body.name != "world":
+        if body.name == limb.body:
+            return True
+        body = body.parent
+    return False
+
+
+def carries(body: mujoco.MjsBody, spec: mujoco.MjSpec, limb: Limb) -> bool:
+    """Return whether a limb hangs on a body: on the torso, not on another limb."""
+    if body.name == "world":
+        return True
+    above = spec.body(limb.body)
+    while above is not None and above.name != "world":
+        if above == body:
+            return True
+        above = above.parent
+    return False
+
+
+def joints_of(spec: mujoco.MjSpec, limb: Limb) -> list[mujoco.MjsJoint]:
+    """Return the joints of all bodies of a limb."""
+    return [joint for joint in spec.joints if is_on(joint.parent, limb)]
