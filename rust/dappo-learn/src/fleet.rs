@@ -4,6 +4,10 @@ use dappo_sim::backend::{Backend, ObsRows, Reset, StepOutputs};
 
 use crate::error::{LearnError, Result};
 
+const NOT_OBSERVED: &str = "the robot's observation does not tell its state, so a twin cannot be put beside it in \
+                            mid-gait; add `qpos` (with `skip` of at most 2) and `qvel` to `observation.terms`, or use \
+                            the preset `paper`";
+
 /// N robots.
 pub(crate) struct Fleet {
     backend: Box<dyn Backend>,
@@ -53,6 +57,22 @@ impl Fleet {
         Ok(self.backend.set_classes(changes)?)
     }
 
+    /// Refuses a robot whose observation does not tell its state: no twin can be put beside it in mid-gait.
+    pub fn check_twins(&self) -> Result<()> {
+        let hidden = &self.backend.task().layout().hidden_state;
+        if !hidden.is_empty() {
+            return Err(LearnError::Invalid(format!(
+                "the state of the robot is more than positions and velocities, so its observation does not tell it and a \
+                 twin cannot be put beside it in mid-gait: {hidden}. Change that in the MJCF, or use the preset `paper`, \
+                 whose twins begin with the episode"
+            )));
+        }
+        if !self.backend.task().is_observed() {
+            return Err(LearnError::Invalid(NOT_OBSERVED.into()));
+        }
+        Ok(())
+    }
+
     /// Puts all robots but those to skip into the states that observations show. What they observe themselves then
     /// are these very observations: a state says nothing of contact forces.
     ///
@@ -66,11 +86,7 @@ impl Fleet {
         let states = qpos.chunks_exact_mut(nq).zip(qvel.chunks_exact_mut(nv));
         for ((qpos, qvel), row) in states.zip(shown.chunks_exact(width)) {
             if !task.read_state(row, qpos, qvel) {
-                return Err(LearnError::Invalid(
-                    "the robot's observation does not tell its state, so a twin cannot be put beside it in mid-gait; \
-                     add `qpos` (with `skip` of at most 2) and `qvel` to `observation.terms`, or use the preset `paper`"
-                        .into(),
-                ));
+                return Err(LearnError::Invalid(NOT_OBSERVED.into()));
             }
         }
         self.backend.set_state(&qpos, &qvel, skip, ObsRows { data: &mut self.obs, stride: width })?;

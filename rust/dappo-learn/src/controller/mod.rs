@@ -58,6 +58,7 @@ impl Controller {
         let codes = &skills.diagnoser.description().subject.codes;
         let scale = skills.compared(twins.task());
         let mut twins = Fleet::new(twins);
+        twins.check_twins()?;
         twins
             .reset(&(0..robots).map(|env| Reset { env, class: 0, key: 0, episode: 0 }).collect::<Vec<_>>())?;
         Ok(Self {

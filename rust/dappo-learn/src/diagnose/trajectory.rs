@@ -25,6 +25,7 @@ impl Trajectories<'_> {
         check_length("obs [N, T + 1, O]", self.obs, robots * (self.steps + 1) * width)?;
         check_length("actions [N, T, A]", self.actions, robots * self.steps * action_dim)?;
         let mut twins = Fleet::new(twins);
+        twins.check_twins()?;
         let resets: Vec<_> = (0..robots).map(|env| Reset { env, class: 0, key: 0, episode: 0 }).collect();
         twins.reset(&resets)?;
         let everyone = vec![false; robots];
