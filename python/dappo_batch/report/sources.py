@@ -128,11 +128,11 @@ def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
     """
     if not paths:
         raise ConfigError(f"there is nothing to report; {_EXPECTED}")
-    for path in map(fsdecode, paths):
+    for name in map(fsdecode, paths):
         try:
-            path.encode()
+            name.encode()
         except UnicodeEncodeError as error:
-            raise ConfigError(f"{path!a} has no name in UTF-8, which a report shows; rename it") from error
+            raise ConfigError(f"{name!a} has no name in UTF-8, which a report shows; rename it") from error
     sources = Sources()
     for path in dict.fromkeys(Path(fsdecode(path)).resolve() for path in paths):
         _add(sources, path)

@@ -80,9 +80,9 @@ def _claim(folder: Path, base: Mapping[str, Any]) -> None:
     except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     if known != wanted:
-        base = known.get("base") if isinstance(known, dict) else known
+        other = known.get("base") if isinstance(known, dict) else known
         raise ConfigError(
-            f"{folder} holds a sweep with another base: {json.dumps(base)}; choose another folder"
+            f"{folder} holds a sweep with another base: {json.dumps(other)}; choose another folder"
         )
 
 

@@ -203,6 +203,8 @@ fn a_learner_goes_from_the_cpu_to_wgpu_and_back_and_learns_the_same() {
         near(got.value_loss, expected.value_loss);
         near(got.kl, expected.kl);
     }
+    std::fs::remove_dir_all(&dir).unwrap();
+    std::fs::create_dir_all(&dir).unwrap();
     on_gpu.save(&dir).unwrap();
     let returned = Ppo::load(&dir, &small(), &Device::flex()).unwrap();
     let (got, expected) = (play(&returned, 9), play(&on_cpu, 9));
