@@ -161,3 +161,30 @@ def test_the_evaluation_refuses_a_damaged_checkpoint_and_the_one_before_goes_on(
     assert resumed[0] == 0
     names = sorted(path.name for path in (earlier / "checkpoints").iterdir())
     assert names == ["00000003", "00000004"]
+
+
+def test_folders_that_are_no_checkpoints_are_neither_used_nor_counted_nor_removed(
+    run: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    checkpoints = copy / "checkpoints"
+    shutil.copytree(copy / NEWEST, checkpoints / "1")
+    for name in ("0", "00000000"):
+        (checkpoints / name).mkdir()
+        (checkpoints / name / "notes.txt").write_text("mine")
+    # What a kill may have left of a checkpoint that was being removed, and of one that was being written.
+    (checkpoints / "00000001").mkdir()
+    shutil.copy(copy / NEWEST / "policy.bpk", checkpoints / "00000001")
+    (checkpoints / ".00000005.0123456789abcdef.tmp").mkdir()
+    shutil.copy(copy / NEWEST / "policy.bpk", checkpoints / ".00000005.0123456789abcdef.tmp")
+    ((code, _, err),) = dappo_batch_many(("train", "--resume", copy, "--steps", str(6 * ITERATION)))
+    assert code == 0, err
+    left = sorted(path.name for path in checkpoints.iterdir())
+    keep = 2
+    ours = [name for name in left if len(name) == 8 and name != "00000000"]
+    assert ours[-1] == "00000006", "the run went on from its own newest checkpoint"
+    assert len(ours) == keep
+    assert [name for name in left if name not in ours] == ["0", "00000000", "1"]
+    for name in ("0", "00000000"):
+        assert (checkpoints / name / "notes.txt").read_text() == "mine"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import resource
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dappo_batch as package
+from dappo_batch._core import run_cli
 
 from .. import processes
 from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
@@ -230,3 +233,56 @@ def test_a_folder_of_other_records_is_left_alone(expert: Path, tmp_path: Path, c
     (foreign / "dataset.json").write_text("{}")
     _, err = dappo_batch(*arguments(expert, foreign), code=1)
     assert "truncated or foreign" in err
+
+
+def test_the_folder_is_gone_on_with_after_a_kill_at_its_very_start_and_by_any_spelling(
+    expert: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path)
+    relative = tmp_path / "elsewhere"
+    relative.mkdir()
+    monkeypatch.chdir(relative)
+    runs = [os.path.relpath(expert), f"{expert}/", f"{expert}/../{expert.name}", expert]
+    outs = ["../cut", f"{cut}/", f"{link}/cut", f"{cut}/../cut"]
+    assert run_cli(list(map(str, arguments(expert, whole)))) == 0
+    path = cut / "rollouts-000000.npy"
+    expected = (whole / path.name).read_bytes()
+    # A file that was given its length before its header, one without, and one with half of it.
+    starts = (bytes(512), b"", expected[:100] + bytes(412), bytes(7))
+    for start, run, out in zip(starts, runs, outs, strict=True):
+        cut.mkdir(exist_ok=True)
+        path.write_bytes(start)
+        # Not a Path, which would tidy its spelling.
+        command = [
+            "diagnose",
+            "collect",
+            str(run),
+            "--out",
+            out,
+            "--rollouts",
+            "5",
+            "--timesteps",
+            str(STEPS),
+        ]
+        assert run_cli([*command, "--seed", "3"]) == 0
+        assert path.read_bytes() == expected
+    path.write_bytes(b"notes of somebody")
+    with pytest.raises(package.CheckpointError, match="its header does not fit"):
+        package.collect_pairs(expert, cut, rollouts=5, timesteps=STEPS, seed=3)
+    assert path.read_bytes() == b"notes of somebody"
+
+
+def test_a_shard_that_is_being_collected_is_refused_and_others_are_not(expert: Path, tmp_path: Path) -> None:
+    out = tmp_path / "pairs"
+    options: dict[str, Any] = {"rollouts": 4, "timesteps": STEPS, "seed": 3, "threads": 1}
+    (first,) = package.collect_pairs(expert, out, shard="0/2", **options)
+    with first.open("r+b") as file:
+        # What the collecting process holds.
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(package.CheckpointError, match="another process is collecting these rollouts"):
+            package.collect_pairs(expert, out, shard="0/2", **options)
+        assert len(package.collect_pairs(expert, out, shard="1/2", **options)) == 2
+    package.collect_pairs(expert, out, shard="0/2", **options)
+    assert len(records(out)) == 4
