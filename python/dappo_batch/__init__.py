@@ -16,6 +16,7 @@ from dappo_batch._core import (
     ShapeError,
     SimulationError,
 )
+from dappo_batch._pickling import NotPicklableError
 from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.commands import (
     TrainingOptions,
@@ -47,6 +48,7 @@ __all__ = [
     "DamageVectorEnv",
     "DappoError",
     "Diagnoser",
+    "NotPicklableError",
     "Policy",
     "Robot",
     "Run",

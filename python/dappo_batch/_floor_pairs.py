@@ -153,6 +153,7 @@ def _mix(a: _ContactParameters, b: _ContactParameters) -> _Mixed:
     shows those of the version at hand.
     """
     spec = mujoco.MjSpec()
+    spec.compiler.usethread = False
     plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
     body = spec.worldbody.add_body(pos=[0, 0, 0.5])
     body.add_freejoint()

@@ -42,6 +42,7 @@ def rotation_correction() -> bool | None:
 def _step_of_mujoco() -> Vector:
     """Return the orientation (w, x, y, z) of a spinning body after one step of RK4."""
     spec = mujoco.MjSpec()
+    spec.compiler.usethread = False
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = _TIMESTEP
     spec.option.gravity = [0, 0, 0]

@@ -230,6 +230,7 @@ def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
     refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
     try:
         spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        spec.compiler.usethread = False  # the threads of a command or env are those that its user chose
     except MUJOCO_ERRORS as error:
         raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
     if physics is not None:

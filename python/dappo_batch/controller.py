@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
+from dappo_batch._pickling import NotPicklable
+from dappo_batch.envs.arguments import integer
 
 Event = dict[str, Any]
 """``robot``, ``step`` (control steps since its start), ``event`` (the kind), and what belongs to the kind."""
 
 
-class Controller:
+class Controller(NotPicklable):
     """Controls robots through damage, each by itself, without a reset.
 
     Call `act` once a control step with what the robots observe, in a simulation or on a robot. Damage
@@ -38,12 +40,16 @@ class Controller:
         ``"speed"``, a robot that walks too slowly.
     settings
         Other settings of the controller, for example ``{"cooldown": 100}``.
+    threads
+        Worker threads. For a few robots, threads that wait for each other cost more time than they save.
 
     Raises
     ------
     ConfigError
         If a folder or a setting cannot be used.
     """
+
+    _instead = "make one from the same folders in the process that uses it"
 
     def __init__(
         self,
@@ -54,6 +60,7 @@ class Controller:
         num_robots: int = 1,
         trigger: str = "residual",
         settings: Mapping[str, float] | None = None,
+        threads: int = 1,
     ) -> None:
         self._core = _core.Controller(
             Path(fsdecode(run)),
@@ -62,11 +69,14 @@ class Controller:
             num_robots=num_robots,
             trigger=trigger,
             settings=[f"{key}={value}" for key, value in (settings or {}).items()],
+            threads=integer(threads, "threads", 1),
         )
         self._events: list[Event] = []
 
     @classmethod
-    def from_export(cls, folder: str | bytes | PathLike[str], *, num_robots: int = 1) -> Controller:
+    def from_export(
+        cls, folder: str | bytes | PathLike[str], *, num_robots: int = 1, threads: int = 1
+    ) -> Controller:
         """Make a controller from the one folder that ``dappo-batch export`` wrote.
 
         It acts to the bit as the controller that was exported, with the settings it was exported with.
@@ -77,6 +87,8 @@ class Controller:
             The export folder.
         num_robots
             Number of robots, N.
+        threads
+            Worker threads.
 
         Returns
         -------
@@ -89,7 +101,9 @@ class Controller:
             If the folder is no export, or a file of it has changed.
         """
         controller = cls.__new__(cls)
-        controller._core = _core.Controller.from_export(Path(fsdecode(folder)), num_robots=num_robots)
+        controller._core = _core.Controller.from_export(
+            Path(fsdecode(folder)), num_robots=num_robots, threads=integer(threads, "threads", 1)
+        )
         controller._events = []
         return controller
 
@@ -158,5 +172,8 @@ class Controller:
         return actions[0] if single else actions
 
     def reset(self, mask: ArrayLike | None = None) -> None:
-        """Begin anew with all robots, or with those of a mask [N]: they are taken for healthy."""
+        """Begin anew with all robots, or with those of a mask [N].
+
+        They are taken for healthy, and nothing that was read of the robots before is kept.
+        """
         self._core.reset(None if mask is None else np.asarray(mask, np.bool_).tolist())

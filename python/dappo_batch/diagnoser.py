@@ -10,22 +10,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
 from dappo_batch._core import ShapeError
+from dappo_batch._pickling import NotPicklable
+from dappo_batch.envs.arguments import integer
 
 __all__ = ["Diagnoser"]
 
 
-class Diagnoser:
+class Diagnoser(NotPicklable):
     """A diagnoser, and a simulation of the healthy twins that it compares robots with.
 
     `Diagnoser.load` reads it. It looks at trajectories that are over; a `Controller` looks while the robot
     walks.
     """
 
+    _instead = "read it from its folders in the process that uses it"
+
     def __init__(self, core: _core.Diagnoser) -> None:
         self._core = core
 
     @classmethod
-    def load(cls, folder: str | bytes | PathLike[str], *, expert: str | bytes | PathLike[str]) -> Diagnoser:
+    def load(
+        cls,
+        folder: str | bytes | PathLike[str],
+        *,
+        expert: str | bytes | PathLike[str],
+        threads: int | None = None,
+    ) -> Diagnoser:
         """Read a diagnoser.
 
         Parameters
@@ -34,6 +44,8 @@ class Diagnoser:
             Folder of `train_diagnoser`.
         expert
             Run folder of the policy that walked in its training data. Its configuration says how to simulate.
+        threads
+            Worker threads; all cores if left out.
 
         Raises
         ------
@@ -42,7 +54,8 @@ class Diagnoser:
         CheckpointError
             If a file cannot be read.
         """
-        return cls(_core.Diagnoser.load(Path(fsdecode(folder)), Path(fsdecode(expert))))
+        workers = None if threads is None else integer(threads, "threads", 1)
+        return cls(_core.Diagnoser.load(Path(fsdecode(folder)), Path(fsdecode(expert)), threads=workers))
 
     @property
     def obs_dim(self) -> int:

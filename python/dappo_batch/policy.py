@@ -11,22 +11,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
 from dappo_batch._core import ConfigError
+from dappo_batch._pickling import NotPicklable
+from dappo_batch.envs.arguments import integer
 
 __all__ = ["Policy"]
 
 
-class Policy:
+class Policy(NotPicklable):
     """The policy of a run, without exploration noise; `Policy.load` reads it.
 
     It does what it is told: a `Controller` also finds out what to tell it.
     """
 
+    _instead = "read it from its run folder in the process that uses it"
+
     def __init__(self, core: _core.Policy) -> None:
         self._core = core
 
     @classmethod
-    def load(cls, run: str | bytes | PathLike[str]) -> Policy:
+    def load(cls, run: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
         """Read the policy in the newest checkpoint of a run folder.
+
+        Parameters
+        ----------
+        run
+            The run folder.
+        threads
+            Worker threads; all cores if left out.
 
         Raises
         ------
@@ -35,7 +46,8 @@ class Policy:
         CheckpointError
             If it has no checkpoint that can be read.
         """
-        return cls(_core.Policy.load(Path(fsdecode(run))))
+        workers = None if threads is None else integer(threads, "threads", 1)
+        return cls(_core.Policy.load(Path(fsdecode(run)), threads=workers))
 
     @property
     def obs_dim(self) -> int:

@@ -337,7 +337,7 @@ def test_cores_are_limited_for_a_while_and_pools_by_variables() -> None:
     with limited_to(1):
         assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == before
-    assert thread_limits(3)["RAYON_NUM_THREADS"] == thread_limits(3)["OMP_NUM_THREADS"] == "3"
+    assert thread_limits(3)["OPENBLAS_NUM_THREADS"] == thread_limits(3)["OMP_NUM_THREADS"] == "3"
 
 
 def check(sample: Sample, task: Task, inputs: int) -> None:

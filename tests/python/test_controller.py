@@ -278,6 +278,19 @@ def test_a_reset_forgets_the_damage_of_the_robots_in_its_mask(parts: Path) -> No
     assert controller.damage_classes.tolist() == [0, 0]
 
 
+def test_a_reset_forgets_what_was_read_of_the_robot_before(parts: Path) -> None:
+    used, fresh = make(parts, 2), make(parts, 2)
+    robots = Robots(["healthy", "healthy"])
+    robots.walk(used, 3)
+    lost = robots.obs.copy()
+    lost[0] = np.nan
+    held = used.act(lost, np.zeros(2))[0]
+    used.reset([True, False])
+    actions, expected = used.act(lost, np.zeros(2)), fresh.act(lost, np.zeros(2))
+    np.testing.assert_array_equal(actions[0], expected[0])
+    assert np.abs(actions[0] - held).max() > 1e-3, "the readings of the robot before lead to other actions"
+
+
 def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts: Path) -> None:
     controller = Controller(
         parts / "aware", diagnoser=parts / "diagnoser", trigger="speed", settings={"speed_window": 10}

@@ -77,7 +77,7 @@ def learner_share(
     robot : str
         Name or path of the robot.
     threads : int
-        Threads that simulate.
+        Threads of the training.
     steps : int
         Env steps to train for.
     settings : sequence of str
@@ -171,7 +171,7 @@ def train(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> Tra
     arguments : sequence of str
         Those behind ``train``, without ``--run`` and ``--json``; the last may be values of ``--set``.
     threads : int
-        Threads of the learner; those that simulate are an argument of ``train``.
+        Threads of Python's linear algebra; those of the training are an argument of ``train``.
     timeout : float
         Longest time to wait, s.
 

@@ -70,8 +70,8 @@ def describe() -> dict[str, Any]:
 
 
 def thread_limits(threads: int) -> dict[str, str]:
-    """Return the environment variables that size the thread pools of a new process."""
-    pools = ("RAYON_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    """Return the environment variables that size the thread pools of linear algebra in a new process."""
+    pools = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return dict.fromkeys(pools, str(threads))
 
 

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch._core import ConfigError, SimulationError
+from dappo_batch._pickling import NotPicklable
 from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, integer, stream_keys
 from dappo_batch.envs.simulation import (
     Backend,
@@ -29,7 +30,7 @@ NO_TIME_LIMIT = 2**31 - 1
 PICTURE_SIZE = (480, 480)  # height, width in pixels
 
 
-class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One robot whose damage class is drawn anew for every episode.
 
     The parameters are those of `DamageVectorEnv`, with two differences: `max_episode_steps` left out
@@ -55,6 +56,10 @@ class DamageEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         If a damage class of the robot does not compile.
     """
 
+    _instead = (
+        "make one with the same arguments, in the process that uses it: vector envs of processes take "
+        "functions that make envs"
+    )
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium declares it so)
 
     def __init__(

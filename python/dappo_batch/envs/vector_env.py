@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch._core import ConfigError, EnvState, SimulationError
+from dappo_batch._pickling import NotPicklable
 from dappo_batch.envs.arguments import (
     Damage,
     ResetOptions,
@@ -46,11 +47,12 @@ class SavedState:
     ended: NDArray[np.bool_] = field(repr=False)
 
 
-class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """N independent episodes of one robot, each with its own damage class.
 
     The envs live in native memory and are stepped by a pool of threads; results do not depend on the
     number of threads, and env ``i`` behaves exactly like a `DamageEnv` reset with seed ``seed + i``.
+    A forked process goes on with its own copy and threads of its own. It cannot be pickled.
 
     Parameters
     ----------
@@ -83,7 +85,8 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
     physics : {"rk4", "euler"}, optional
         Integrator; the one in the robot's MJCF if left out.
     copy : bool
-        If false, every returned array is a view that the next `step` or `reset` overwrites.
+        If false, every returned array is a view of native memory, valid until the next `step`, `reset` or
+        `set_state`, which overwrites it while other Python threads run: none may read it meanwhile.
     device : {"cpu", "cuda", "auto", "warp-cpu"}
         Where. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single precision; it needs the extra
         ``gpu``. ``"auto"`` takes it where it can; ``"warp-cpu"`` runs the same kernels on the CPU, slowly.
@@ -121,6 +124,10 @@ class DamageVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArra
         If a damage class of the robot does not compile.
     """
 
+    _instead = (
+        "make one with the same arguments in the process that uses it, and carry the robots over with "
+        "get_state and set_state"
+    )
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium declares it so)
 
     def __init__(

@@ -25,7 +25,8 @@ class RayExecutor(Executor):
 
     Notes
     -----
-    ``ray.init`` is the program's own business. Nodes must see the same folders.
+    ``ray.init`` is the program's own business. Nodes must see the same folders. Ray counts cores but holds
+    no call to them: give the trainings ``threads`` that fit `cpus`.
     """
 
     def __init__(self, *, cpus: float = 1.0, gpus: float = 0.0, retries: int = 10) -> None:

@@ -23,7 +23,8 @@ class SlurmExecutor(Executor):
     cluster
         ``slurm``, or ``local`` for processes on this machine; Slurm where it is found if left out.
     **parameters
-        Of the jobs, as submitit names them: ``timeout_min``, ``slurm_partition``, ``cpus_per_task``, …
+        Of the jobs, as submitit names them: ``timeout_min``, ``slurm_partition``, ``cpus_per_task``, … Where
+        Slurm does not hold a job to its cores, give the trainings as many ``threads``.
     """
 
     def __init__(

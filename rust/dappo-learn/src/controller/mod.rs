@@ -109,13 +109,15 @@ impl Controller {
         std::mem::take(&mut self.events)
     }
 
-    /// Begins anew with the robots marked in `mask`, all for `None`: they are taken for healthy.
+    /// Begins anew with the robots marked in `mask`, all for `None`: they are taken for healthy, and nothing is known of
+    /// them, so that a reading that is lost before its first finite value counts as 0.
     pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<()> {
         mask.map_or(Ok(()), |mask| check_length("reset mask [N]", mask, self.robots.len()))?;
-        for (index, robot) in self.robots.iter_mut().enumerate() {
-            if mask.is_none_or(|mask| mask[index]) {
-                *robot = Robot::new(&self.config);
-            }
+        let (width, action_dim) = (self.obs_dim(), self.action_dim());
+        for index in (0..self.robots.len()).filter(|&index| mask.is_none_or(|mask| mask[index])) {
+            self.robots[index] = Robot::new(&self.config);
+            self.obs[index * width..][..width].fill(0.0);
+            self.actions[index * action_dim..][..action_dim].fill(0.0);
         }
         Ok(())
     }

@@ -31,23 +31,36 @@ pub fn resolve(wish: Device) -> Result<Device, SimError> {
 }
 
 /// An object of Python that owns memory of a device.
-struct Handle(Option<Py<PyAny>>);
+struct Handle {
+    object: Option<Py<PyAny>>,
+    /// The process that opened the device.
+    process: u32,
+}
 
 impl Handle {
     fn new(object: Bound<'_, PyAny>) -> Self {
-        Self(Some(object.unbind()))
+        Self { object: Some(object.unbind()), process: std::process::id() }
     }
 
     fn bind<'py>(&self, py: Python<'py>) -> PyResult<&Bound<'py, PyAny>> {
-        let object = self.0.as_ref().ok_or_else(|| raise(Kind::Simulation, "the device has been closed"))?;
-        Ok(object.bind(py))
+        if self.process != std::process::id() {
+            let message = "the device was opened before this process was forked, and a GPU cannot be used on both \
+                           sides of a fork; start processes with the method `spawn` or `forkserver`";
+            return Err(raise(Kind::Simulation, message));
+        }
+        let closed = || raise(Kind::Simulation, "the device has been closed");
+        Ok(self.object.as_ref().ok_or_else(closed)?.bind(py))
     }
 }
 
 impl Drop for Handle {
     /// Freeing runs Python code too, which a Ctrl-C that waits in the main thread would hit.
     fn drop(&mut self) {
-        let Some(object) = self.0.take() else { return };
+        let Some(object) = self.object.take() else { return };
+        if self.process != std::process::id() {
+            // The memory is the parent's.
+            return std::mem::forget(object);
+        }
         let is_finalizing = |py: Python<'_>| py.import("sys")?.call_method0("is_finalizing")?.extract();
         // An interpreter that ends lets no other thread in.
         if !Python::attach(is_finalizing).unwrap_or(true) {

@@ -75,6 +75,11 @@ impl Episode {
         };
     }
 
+    /// Whether the damage strikes before the next step.
+    pub fn is_struck(&self) -> bool {
+        !self.ended && self.onset > 0 && self.step == self.onset && self.class != 0
+    }
+
     /// The damage class that acts now: healthy until the onset.
     pub fn class_in_force(&self) -> usize {
         if self.step >= self.onset { self.class } else { 0 }

@@ -285,13 +285,13 @@ impl VectorEnv {
         }
     }
 
-    /// Lets the damages strike whose step has come.
+    /// Lets the damages strike whose step has come. An env that waits for its reset stays as its episode ended.
     fn strike(&mut self) -> Result<(), SimError> {
         let changes: Vec<(usize, usize)> = self
             .episodes
             .iter()
             .enumerate()
-            .filter(|(_, episode)| episode.onset > 0 && episode.step == episode.onset && episode.class != 0)
+            .filter(|(_, episode)| episode.is_struck())
             .map(|(env, episode)| (env, episode.class))
             .collect();
         if changes.is_empty() {

@@ -108,6 +108,29 @@ fn without_autoreset_an_ended_env_stands_still_until_a_masked_reset() {
 }
 
 #[test]
+fn a_damage_whose_step_comes_after_the_end_of_the_episode_strikes_nobody() {
+    for mode in [Autoreset::Disabled, Autoreset::NextStep] {
+        let mut env =
+            make(VectorEnvConfig { onset: Onset { first: 1, last: 1 }, ..config(2, mode) }).unwrap();
+        let classes = [Some(7), Some(7)];
+        env.reset(ResetOptions { classes: Some(&classes), ..ResetOptions::default() }).unwrap();
+        env.step(&FALL).unwrap();
+        let (ended, healthy) = (counts(&env, 0), code(&env, 0));
+        assert_eq!((&env.buffers().damage_class[..], &healthy[..]), (&[0, 0][..], &[0.0; CODE][..]));
+
+        env.step(&WALK).unwrap();
+        // The other env walks on, damaged.
+        assert_eq!((env.buffers().damage_class[1], counts(&env, 1)), (7, [0.0, 2.0, 7.0]));
+        assert_eq!((env.buffers().damage_class[0], code(&env, 0)), (0, healthy));
+        match mode {
+            Autoreset::Disabled => assert_eq!(counts(&env, 0), ended),
+            _ => assert_eq!(counts(&env, 0), [1.0, 0.0, 0.0]),
+        }
+        assert_eq!(env.snapshot().unwrap().backend.classes, [0, 7]);
+    }
+}
+
+#[test]
 fn a_fall_in_the_last_step_is_both_terminated_and_truncated() {
     let mut env = started(config(2, Autoreset::SameStep));
     env.step(&WALK).unwrap();

@@ -71,15 +71,38 @@ pub struct Field {
     pub len: usize,
 }
 
-/// One `mjData` and the addresses of the arrays that a worker reads and writes.
+/// A [`Field`] of the `mjData` of a worker, borrowed as if the worker held the numbers themselves. There is one for each
+/// array, and it cannot be copied.
+pub(super) struct Array(Field);
+
+impl Array {
+    pub fn get(&self) -> &[f64] {
+        if self.0.len == 0 {
+            return &[];
+        }
+        // SAFETY: made in `WorkerFields::new` alone, whose caller vouches for the array for as long as the owner
+        // beside it lives; MuJoCo aligns it. Writing it takes `&mut self`.
+        unsafe { std::slice::from_raw_parts(self.0.address as *const f64, self.0.len) }
+    }
+
+    pub fn get_mut(&mut self) -> &mut [f64] {
+        if self.0.len == 0 {
+            return &mut [];
+        }
+        // SAFETY: as in `get`; `&mut self` is the only way to the array, and the arrays of a worker do not overlap.
+        unsafe { std::slice::from_raw_parts_mut(self.0.address as *mut f64, self.0.len) }
+    }
+}
+
+/// One `mjData` and the arrays that a worker reads and writes.
 pub struct WorkerFields {
     pub(super) data: Data,
-    pub(super) qpos: Field,
-    pub(super) qvel: Field,
-    pub(super) ctrl: Field,
-    pub(super) cfrc_ext: Field,
-    pub(super) sensordata: Field,
-    pub(super) main_body_xpos: Field,
+    pub(super) qpos: Array,
+    pub(super) qvel: Array,
+    pub(super) ctrl: Array,
+    pub(super) cfrc_ext: Array,
+    pub(super) sensordata: Array,
+    pub(super) main_body_xpos: Array,
     /// Addresses of the counters (`int`) of states that were beyond bounds.
     pub(super) divergences: [usize; 3],
     pub(super) _owner: Box<dyn Any + Send + Sync>,
@@ -100,7 +123,7 @@ impl WorkerFields {
         divergences: [usize; 3],
         owner: Box<dyn Any + Send + Sync>,
     ) -> Self {
-        let [qpos, qvel, ctrl, cfrc_ext, sensordata, main_body_xpos] = fields;
+        let [qpos, qvel, ctrl, cfrc_ext, sensordata, main_body_xpos] = fields.map(Array);
         Self {
             data: data as Data,
             qpos,
@@ -112,5 +135,30 @@ impl WorkerFields {
             divergences,
             _owner: owner,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_read_and_write_the_memory_that_they_were_made_of() {
+        let mut numbers = [[0.0_f64, 1.0], [2.0, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, 9.0]];
+        let mut fields = numbers.each_mut().map(|row| Field { address: row.as_mut_ptr() as usize, len: 2 });
+        fields[3].len = 0;
+        let [qpos, qvel, ctrl, cfrc_ext, xpos] = fields;
+        let empty = Field { address: 0, len: 0 };
+        // SAFETY: the fields are rows of `numbers`, which outlives them, and no function of MuJoCo is called.
+        let mut worker =
+            unsafe { WorkerFields::new(0, [qpos, qvel, ctrl, cfrc_ext, empty, xpos], [0; 3], Box::new(())) };
+        // Two arrays can be written at a time; one cannot be borrowed twice.
+        let (qpos, qvel) = (worker.qpos.get_mut(), worker.qvel.get_mut());
+        qpos.swap_with_slice(qvel);
+        assert_eq!((worker.qpos.get(), worker.qvel.get()), (&[2.0, 3.0][..], &[0.0, 1.0][..]));
+        assert_eq!(worker.main_body_xpos.get(), [8.0, 9.0]);
+        assert!(worker.cfrc_ext.get().is_empty() && worker.sensordata.get_mut().is_empty());
+        drop(worker);
+        assert_eq!(numbers[..2], [[2.0, 3.0], [0.0, 1.0]]);
     }
 }

@@ -1,7 +1,7 @@
 //! One thread's `mjData`: the only place that calls libmujoco.
 
 use super::library::{Data, MujocoLibrary};
-use super::table::{Field, ModelTable, WorkerFields};
+use super::table::{ModelTable, WorkerFields};
 use crate::backend::{Reset, control, out_of_bounds, velocity};
 use crate::error::SimError;
 use crate::terms::{Signals, Task};
@@ -36,11 +36,11 @@ impl Worker {
     }
 
     pub(super) fn qpos(&self) -> &[f64] {
-        view(self.fields.qpos)
+        self.fields.qpos.get()
     }
 
     pub(super) fn qvel(&self) -> &[f64] {
-        view(self.fields.qvel)
+        self.fields.qvel.get()
     }
 
     fn data(&self) -> Data {
@@ -49,7 +49,7 @@ impl Worker {
 
     /// Position of the main body along x as of the last physics evaluation, as Gymnasium reads it.
     fn main_body_x(&self) -> f64 {
-        view(self.fields.main_body_xpos)[0]
+        self.fields.main_body_xpos.get()[0]
     }
 
     /// Makes the data stand for the env whose state is `row`.
@@ -77,7 +77,7 @@ impl Worker {
     ) {
         self.clear(table, reset.class);
         // `clear` left the reference pose and no velocity.
-        reset.scatter(task.reset, view_mut(self.fields.qpos), view_mut(self.fields.qvel));
+        reset.scatter(task.reset, self.fields.qpos.get_mut(), self.fields.qvel.get_mut());
         self.begin(task, table, reset.class, row, obs);
     }
 
@@ -92,8 +92,8 @@ impl Worker {
         obs: &mut [f32],
     ) {
         self.clear(table, class);
-        view_mut(self.fields.qpos).copy_from_slice(qpos);
-        view_mut(self.fields.qvel).copy_from_slice(qvel);
+        self.fields.qpos.get_mut().copy_from_slice(qpos);
+        self.fields.qvel.get_mut().copy_from_slice(qvel);
         self.begin(task, table, class, row, obs);
     }
 
@@ -132,7 +132,7 @@ impl Worker {
         action: &[f32],
     ) -> Option<f64> {
         self.load(table, class, row);
-        for (ctrl, action) in view_mut(self.fields.ctrl).iter_mut().zip(action) {
+        for (ctrl, action) in self.fields.ctrl.get_mut().iter_mut().zip(action) {
             *ctrl = control(task, *action);
         }
         let (model, data) = (table.model(class), self.data());
@@ -169,28 +169,11 @@ impl Worker {
         Signals {
             qpos: self.qpos(),
             qvel: self.qvel(),
-            ctrl: view(self.fields.ctrl),
-            cfrc_ext: view(self.fields.cfrc_ext),
-            sensordata: view(self.fields.sensordata),
+            ctrl: self.fields.ctrl.get(),
+            cfrc_ext: self.fields.cfrc_ext.get(),
+            sensordata: self.fields.sensordata.get(),
             forward_velocity,
             muted_touch: table.muted_touch(class),
         }
     }
-}
-
-fn view<'a>(field: Field) -> &'a [f64] {
-    if field.len == 0 {
-        return &[];
-    }
-    // SAFETY: the field is an array of the worker's mjData (contract of `WorkerFields::new`), aligned by
-    // MuJoCo's allocator; callers tie the lifetime to `&self`.
-    unsafe { std::slice::from_raw_parts(field.address as *const f64, field.len) }
-}
-
-fn view_mut<'a>(field: Field) -> &'a mut [f64] {
-    if field.len == 0 {
-        return &mut [];
-    }
-    // SAFETY: as in `view`; callers hold `&mut self` and no other view of the field.
-    unsafe { std::slice::from_raw_parts_mut(field.address as *mut f64, field.len) }
 }
