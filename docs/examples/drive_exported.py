@@ -1,6 +1,7 @@
 """Drive a robot from an export folder while joints of it jam: NumPy and onnxruntime decide.
 
-MuJoCo simulates the healthy twin, and stands in for the robot. Nothing else is needed.
+MuJoCo simulates the healthy twin, and stands in for the robot. Nothing else is needed. A policy that was
+exported without a diagnoser walks as if nothing had happened.
 
 Usage: ``python docs/examples/drive_exported.py FOLDER [JOINT ...]``, by default two hips of an Ant
 """
@@ -64,6 +65,19 @@ class Body:
         seen = self.model.nq - 2
         self.data.qpos, self.data.qvel = [0, 0, *obs[:seen]], obs[seen : seen + self.model.nv]
         mujoco.mj_forward(self.model, self.data)
+
+
+class Unadapted:
+    """Walks, and is told nothing."""
+
+    def __init__(self, folder: Path) -> None:
+        export = json.loads((folder / "export.json").read_text())
+        self.unhurt = np.zeros(export["policy"]["code_length"])
+        self.policy = network(folder / export["policy"]["onnx"])
+
+    def act(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Choose the next action."""
+        return self.policy(np.concatenate([obs, self.unhurt]))[0]
 
 
 class Adapter:
@@ -148,19 +162,21 @@ class Adapter:
 def main() -> None:
     """Walk, break, find out, walk on."""
     folder, joints = Path(sys.argv[1]), sys.argv[2:] or JOINTS
-    adapter = Adapter(folder)
-    robot = Body(folder, adapter.led)
+    export = json.loads((folder / "export.json").read_text())
+    walker = Adapter(folder) if export["diagnoser"] else Unadapted(folder)
+    robot = Body(folder, export["twin"])
     places, obs = [robot.data.qpos[0]], robot.observe()
     for step in range(STEPS):
         if step == ONSET:
             for name in joints:
                 robot.model.joint(name).range = JAMMED
             print(f"step {step:4}: {' and '.join(joints)} jam, and nobody tells the controller")
-        obs = robot.step(adapter.act(obs))
+        obs = robot.step(walker.act(obs))
         places.append(robot.data.qpos[0])
-    print(f"told: {adapter.classes[adapter.told]['name']}")
+    if isinstance(walker, Adapter):
+        print(f"told: {walker.classes[walker.told]['name']}")
     for first, last in ((0, ONSET), (ONSET, ONSET + 100), (ONSET + 100, STEPS)):
-        seconds = (last - first) * adapter.export["control_period"]
+        seconds = (last - first) * export["control_period"]
         print(f"steps {first:4} to {last:4}: {(places[last] - places[first]) / seconds:.2f} m/s")
 
 

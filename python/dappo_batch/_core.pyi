@@ -193,6 +193,7 @@ class Controller:
         trigger: str = "residual",
         settings: Sequence[str] = ...,
         threads: int = 1,
+        robot_changed: str | None = None,
     ) -> Controller: ...
     @staticmethod
     def from_export(folder: Path, *, num_robots: int = 1, threads: int = 1) -> Controller: ...
@@ -224,7 +225,9 @@ class Diagnoser:
     """A trained diagnoser by itself; `dappo_batch.Diagnoser` gives it a face."""
 
     @staticmethod
-    def load(folder: Path, expert: Path, *, threads: int | None = None) -> Diagnoser: ...
+    def load(
+        folder: Path, expert: Path, *, threads: int | None = None, robot_changed: str | None = None
+    ) -> Diagnoser: ...
     @property
     def obs_dim(self) -> int: ...
     @property
@@ -241,7 +244,9 @@ class Policy:
     """A trained policy by itself; `dappo_batch.Policy` gives it a face."""
 
     @staticmethod
-    def load(run: Path, *, threads: int | None = None) -> Policy: ...
+    def load(run: Path, *, threads: int | None = None, robot_changed: str | None = None) -> Policy: ...
+    @staticmethod
+    def from_export(folder: Path, *, threads: int | None = None) -> Policy: ...
     @property
     def obs_dim(self) -> int: ...
     @property

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
 from dappo_batch._pickling import NotPicklable
+from dappo_batch.commands.options import RobotChanged
 from dappo_batch.envs.arguments import integer
 
 Event = dict[str, Any]
@@ -42,11 +43,14 @@ class Controller(NotPicklable):
         Other settings of the controller, for example ``{"cooldown": 100}``.
     threads
         Worker threads. For a few robots, threads that wait for each other cost more time than they save.
+    robot_changed
+        Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the run
+        has it, ``"use-file"`` with the file as it is now.
 
     Raises
     ------
     ConfigError
-        If a folder or a setting cannot be used.
+        If a folder or a setting cannot be used, or the parts are not of one robot.
     """
 
     _instead = "make one from the same folders in the process that uses it"
@@ -61,6 +65,7 @@ class Controller(NotPicklable):
         trigger: str = "residual",
         settings: Mapping[str, float] | None = None,
         threads: int = 1,
+        robot_changed: RobotChanged | None = None,
     ) -> None:
         self._core = _core.Controller(
             Path(fsdecode(run)),
@@ -70,6 +75,7 @@ class Controller(NotPicklable):
             trigger=trigger,
             settings=[f"{key}={value}" for key, value in (settings or {}).items()],
             threads=integer(threads, "threads", 1),
+            robot_changed=robot_changed,
         )
         self._events: list[Event] = []
 
@@ -98,7 +104,8 @@ class Controller(NotPicklable):
         Raises
         ------
         CheckpointError
-            If the folder is no export, or a file of it has changed.
+            If the folder is no export, a file of it has changed, or it holds a policy alone, without a
+            diagnoser; `Policy.from_export` reads that.
         """
         controller = cls.__new__(cls)
         controller._core = _core.Controller.from_export(

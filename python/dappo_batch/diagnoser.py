@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dappo_batch import _core
 from dappo_batch._core import ShapeError
 from dappo_batch._pickling import NotPicklable
+from dappo_batch.commands.options import RobotChanged
 from dappo_batch.envs.arguments import integer
 
 __all__ = ["Diagnoser"]
@@ -35,6 +36,7 @@ class Diagnoser(NotPicklable):
         *,
         expert: str | bytes | PathLike[str],
         threads: int | None = None,
+        robot_changed: RobotChanged | None = None,
     ) -> Diagnoser:
         """Read a diagnoser.
 
@@ -46,6 +48,9 @@ class Diagnoser(NotPicklable):
             Run folder of the policy that walked in its training data. Its configuration says how to simulate.
         threads
             Worker threads; all cores if left out.
+        robot_changed
+            Where the robot file has changed since the expert's training: ``"use-run"`` goes on with the robot
+            as the run has it, ``"use-file"`` with the file as it is now.
 
         Raises
         ------
@@ -55,7 +60,8 @@ class Diagnoser(NotPicklable):
             If a file cannot be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        return cls(_core.Diagnoser.load(Path(fsdecode(folder)), Path(fsdecode(expert)), threads=workers))
+        folders = Path(fsdecode(folder)), Path(fsdecode(expert))
+        return cls(_core.Diagnoser.load(*folders, threads=workers, robot_changed=robot_changed))
 
     @property
     def obs_dim(self) -> int:

@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from dappo_batch import _core
 from dappo_batch._core import ConfigError
 from dappo_batch._pickling import NotPicklable
+from dappo_batch.commands.options import RobotChanged
 from dappo_batch.envs.arguments import integer
 
 __all__ = ["Policy"]
 
 
 class Policy(NotPicklable):
-    """The policy of a run, without exploration noise; `Policy.load` reads it.
+    """The policy of a run, without exploration noise; `Policy.load` and `Policy.from_export` read it.
 
     It does what it is told: a `Controller` also finds out what to tell it.
     """
@@ -29,7 +30,13 @@ class Policy(NotPicklable):
         self._core = core
 
     @classmethod
-    def load(cls, run: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
+    def load(
+        cls,
+        run: str | bytes | PathLike[str],
+        *,
+        threads: int | None = None,
+        robot_changed: RobotChanged | None = None,
+    ) -> Policy:
         """Read the policy in the newest checkpoint of a run folder.
 
         Parameters
@@ -38,16 +45,39 @@ class Policy(NotPicklable):
             The run folder.
         threads
             Worker threads; all cores if left out.
+        robot_changed
+            Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the
+            run has it, ``"use-file"`` with the file as it is now.
 
         Raises
         ------
         ConfigError
-            If the folder is no run folder.
+            If the folder is no run folder, or the robot file has changed and `robot_changed` does not say
+            what to do.
         CheckpointError
             If it has no checkpoint that can be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        return cls(_core.Policy.load(Path(fsdecode(run)), threads=workers))
+        return cls(_core.Policy.load(Path(fsdecode(run)), threads=workers, robot_changed=robot_changed))
+
+    @classmethod
+    def from_export(cls, folder: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
+        """Read the policy of a folder that ``dappo-batch export`` wrote, with a diagnoser or without.
+
+        Parameters
+        ----------
+        folder
+            The export folder.
+        threads
+            Worker threads; all cores if left out.
+
+        Raises
+        ------
+        CheckpointError
+            If the folder is no export, or a file of it has changed.
+        """
+        workers = None if threads is None else integer(threads, "threads", 1)
+        return cls(_core.Policy.from_export(Path(fsdecode(folder)), threads=workers))
 
     @property
     def obs_dim(self) -> int:

@@ -203,6 +203,8 @@ def test_a_sweep_fills_its_table_cell_by_cell_and_is_continued(folder: Path, tmp
     assert err.count(" %)") == 2 * 2 * 2 * 3, "every cell is reported"
     results = [json.loads(path.read_text()) for path in sorted((out / "cells").glob("*/result.json"))]
     assert len(results) == 2 * 2 * 2 * 3
+    kept = {(cell / "robot" / "robot.json").read_bytes() for cell in (out / "cells").iterdir()}
+    assert kept == {(out / "pairs" / "robot" / "robot.json").read_bytes()}
     rows = read(out / "table1.csv")
     assert len(rows) == 2 * 2 * 2
     for row in rows:

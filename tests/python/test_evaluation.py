@@ -330,8 +330,9 @@ def test_results_do_not_depend_on_the_number_of_threads(runs: Path, tmp_path: Pa
 
 
 def edited(run: Path, folder: Path, *changes: tuple[str, str]) -> Path:
-    """Copy a run and change its configuration, as if it had been trained so."""
+    """Copy a run and change its configuration, as if it had been trained so by an earlier version."""
     copy = shutil.copytree(run, folder)
+    shutil.rmtree(copy / "robot")
     config = copy / "config.toml"
     text = config.read_text()
     for old, new in changes:

@@ -20,12 +20,13 @@ import pytest
 from numpy.typing import NDArray
 
 import dappo_batch
-from dappo_batch import Controller
-from dappo_batch._core import ExportedNetworks
+from dappo_batch import Controller, Policy
+from dappo_batch._core import ExportedNetworks, run_cli
 
 from .. import processes
 from .command_line import dappo_batch as run
 from .command_line import dappo_batch_many
+from .mesh_robot import write_mesh_robot
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "examples" / "drive_exported.py"
 OBS, CODE, ACTIONS, CLASSES, STEPS = 111, 8, 8, 9, 20
@@ -363,19 +364,10 @@ def test_what_is_no_whole_export_is_refused_by_name(exports: Path, tmp_path: Pat
 def test_what_cannot_be_exported_is_refused_and_leaves_nothing(parts: Path, tmp_path: Path) -> None:
     shutil.copytree(parts / "aware", tmp_path / "unevaluated")
     shutil.rmtree(tmp_path / "unevaluated" / "eval")
-    # The original compiles with what lies beside it, the copy would not.
-    shutil.copytree(Path(dappo_batch.load_robot("ant").path).parent, tmp_path / "robots")
-    mjcf = tmp_path / "robots" / "ant.xml"
-    (tmp_path / "robots" / "more.xml").write_text('<mujoco><size nuserdata="1"/></mujoco>')
-    mjcf.write_text(mjcf.read_text().replace("<worldbody>", '<include file="more.xml"/><worldbody>', 1))
-    shutil.copytree(parts / "aware", tmp_path / "including")
-    config = tmp_path / "including" / "config.toml"
-    config.write_text(config.read_text().replace('"ant"', f'"{tmp_path / "robots" / "ant.toml"}"', 1))
     cases = (
         (tmp_path / "nothing", parts / "diagnoser", "is no run folder"),
         (parts / "aware", parts / "pairs", "config.toml"),
         (tmp_path / "unevaluated", parts / "diagnoser", "dappo-batch evaluate"),
-        (tmp_path / "including", parts / "diagnoser", "must not need other files"),
     )
     out = tmp_path / "out" / "robot"
     done = dappo_batch_many(
@@ -385,3 +377,73 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(parts: Path, tmp_
         assert code == 1
         assert reason in err
     assert not list(tmp_path.glob("out/*"))
+
+
+def test_a_policy_alone_is_exported_and_acts_to_the_bit_as_in_its_run(
+    parts: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for run_name, evaluated in (("aware", True), ("expert", False)):
+        shutil.copytree(parts / run_name, tmp_path / run_name)
+        if not evaluated:
+            shutil.rmtree(tmp_path / run_name / "eval")
+        out = tmp_path / f"{run_name}_export"
+        assert run_cli(["export", str(tmp_path / run_name), "--out", str(out)]) == 0
+        assert "a policy without a diagnoser" in capfd.readouterr().out
+        header = header_of(out)
+        assert [header[key] for key in ("controller", "diagnoser", "expert")] == [None] * 3
+        assert header["sources"]["diagnoser"] is None
+        assert [header["twin"][key] for key in ("action", "resync", "residual_scale")] == [None] * 3
+        assert [entry["baseline"] is not None for entry in header["classes"]] == [evaluated] * CLASSES
+        original, exported = Policy.load(parts / run_name), Policy.from_export(out)
+        for name in ("obs_dim", "action_dim", "observes_damage", "class_names", "env_steps"):
+            assert getattr(exported, name) == getattr(original, name)
+        obs = np.random.default_rng(0).normal(size=(20, OBS)).astype("f4")
+        told = np.arange(20) % CLASSES
+        np.testing.assert_array_equal(
+            exported.act(obs, damage_class=told), original.act(obs, damage_class=told)
+        )
+        codes = [header["classes"][index]["code"] for index in told]
+        action, mean_action = onnx_outputs(out / "policy.onnx", np.concatenate([obs, codes], 1).astype("f4"))
+        np.testing.assert_array_equal(action, np.clip(mean_action, -1, 1))
+        np.testing.assert_allclose(mean_action, exported.act(obs, damage_class=told), rtol=0, atol=1e-5)
+        with pytest.raises(dappo_batch.CheckpointError, match=r"holds a policy alone.*--diagnoser"):
+            Controller.from_export(out)
+
+
+def test_the_policy_of_an_export_with_a_diagnoser_can_be_taken_alone(exports: Path, parts: Path) -> None:
+    obs = np.random.default_rng(1).normal(size=OBS)
+    expected = Policy.load(parts / "aware").act(obs, damage_class="missing_toe@1")
+    found = Policy.from_export(exports / "B").act(obs, damage_class="missing_toe@1")
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_what_belongs_to_a_diagnoser_is_refused_without_one(parts: Path, tmp_path: Path) -> None:
+    for more in (["--expert", str(parts / "expert")], ["--controller", "cooldown=20"]):
+        assert run_cli(["export", str(parts / "aware"), "--out", str(tmp_path / "out"), *more]) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_robot_of_several_files_is_exported_whole(tmp_path: Path) -> None:
+    robot = write_mesh_robot(tmp_path / "robot")
+    table = dappo_batch.compile_class_table(robot, max_damaged_limbs=1)
+    settings = {"horizon": 4, "ppo.hidden": [4], "evaluation.episodes": 1, "damage.max_damaged_limbs": 1}
+    settings["env.max_episode_steps"] = 3
+    dappo_batch.train(
+        tmp_path / "run", robot=str(robot), envs=2, steps=8, threads=1, unaware=True, set=settings
+    )
+    assert run_cli(["export", str(tmp_path / "run"), "--out", str(tmp_path / "out")]) == 0
+    shutil.rmtree(tmp_path / "run")
+    shutil.rmtree(tmp_path / "robot")
+    out = (tmp_path / "out").rename(tmp_path / "elsewhere")
+    header = header_of(out)
+    assert {path.name for path in out.iterdir()} == {"export.json", *header["files"]}
+    assert {"robot-hat.obj", "robot-red.png"} < header["files"].keys()
+    assert not Policy.from_export(out).observes_damage
+    model = mujoco.MjModel.from_xml_path(str(out / header["twin"]["mjcf"]))
+    assert (model.nmesh, model.ntex) == (1, 1)
+    one, other = mujoco.MjData(table.models[0]), mujoco.MjData(model)
+    for step in range(50):
+        one.ctrl = other.ctrl = np.sin(step + np.arange(6))
+        mujoco.mj_step(table.models[0], one)
+        mujoco.mj_step(model, other)
+    np.testing.assert_array_equal(one.qpos, other.qpos)

@@ -55,7 +55,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, backend: str) -> tuple[Pa
 def test_a_run_folder_holds_everything_that_is_promised(finished: tuple[Path, str, str]) -> None:
     run, _, _ = finished
     assert {path.name for path in run.iterdir()} == {
-        *("config.toml", "meta.json", "checkpoints", "eval", "lock"),
+        *("config.toml", "meta.json", "robot", "checkpoints", "eval", "lock"),
         *("metrics.jsonl", "metrics.csv", "events.out.tfevents.metrics"),
     }
     assert sorted(path.name for path in (run / "checkpoints").iterdir()) == ["00000006", "00000008"]

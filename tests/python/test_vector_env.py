@@ -49,7 +49,7 @@ def test_the_env_declares_its_autoreset_mode_and_its_frame_rate(table: ClassTabl
     for name, mode in (("same_step", AutoresetMode.SAME_STEP), ("NextStep", AutoresetMode.NEXT_STEP)):
         envs = make(table, autoreset=name)
         assert envs.autoreset_mode is mode
-        assert envs.metadata == {"render_modes": [], "render_fps": frames, "autoreset_mode": mode}
+        assert envs.metadata == {"render_modes": ["rgb_array"], "render_fps": frames, "autoreset_mode": mode}
 
 
 def test_results_do_not_depend_on_the_number_of_threads(

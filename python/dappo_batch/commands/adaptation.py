@@ -7,7 +7,7 @@ from os import fsdecode
 from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke, only
-from dappo_batch.commands.options import Folder, Simulation
+from dappo_batch.commands.options import Folder, RobotChanged, Simulation
 
 __all__ = ["adapt"]
 
@@ -25,6 +25,7 @@ def adapt(
     log: Folder | None = None,
     controller: Mapping[str, Any] | None = None,
     set: Mapping[str, Any] | None = None,
+    robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> dict[str, Any]:
     """Let damage strike in mid-walk, and see how a controller finds out and walks on.
@@ -51,6 +52,8 @@ def adapt(
         Settings of the controller.
     set
         Settings of the robot that the controller knows nothing of.
+    robot_changed
+        What to do where the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 
@@ -71,6 +74,7 @@ def adapt(
         "log": log,
         "controller": controller,
         "set": set,
+        "robot_changed": robot_changed,
         **simulation,
     }
     report: dict[str, Any] = only(invoke(["adapt", fsdecode(run)], options))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke, only
-from dappo_batch.commands.options import Callback, Folder, Simulation
+from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation
 
 __all__ = ["collect_pairs", "evaluate_diagnoser", "train_diagnoser"]
 
@@ -23,6 +23,7 @@ def collect_pairs(
     walker: Folder | None = None,
     seed: int = 0,
     shard: str | None = None,
+    robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> list[Path]:
     """Record walks of damaged robots beside their healthy twins.
@@ -45,6 +46,8 @@ def collect_pairs(
         Seed of the walks.
     shard
         Piece i of n, as ``"i/n"``; all pieces may go into one folder.
+    robot_changed
+        What to do where the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 
@@ -62,6 +65,7 @@ def collect_pairs(
         "walker": walker,
         "seed": seed,
         "shard": shard,
+        "robot_changed": robot_changed,
         **simulation,
     }
     invoke(["diagnose", "collect", fsdecode(expert)], options)
@@ -126,6 +130,7 @@ def evaluate_diagnoser(
     policy: Folder | None = None,
     episodes: int | None = None,
     threads: int | None = None,
+    robot_changed: RobotChanged | None = None,
 ) -> list[dict[str, Any]]:
     """Test diagnosers on datasets of another seed than their training data.
 
@@ -141,13 +146,21 @@ def evaluate_diagnoser(
         Episodes a pair of true and named class, for `policy`.
     threads
         Worker threads.
+    robot_changed
+        What to do where the robot file of `policy` has changed since its training; see `RobotChanged`.
 
     Returns
     -------
     list of dict
         One for each model and dataset: ``summary``, ``classes``, ``class_accuracy`` and ``cost``, or None.
     """
-    options = {"data": data, "policy": policy, "episodes": episodes, "threads": threads}
+    options = {
+        "data": data,
+        "policy": policy,
+        "episodes": episodes,
+        "threads": threads,
+        "robot_changed": robot_changed,
+    }
     found: list[dict[str, Any]] = only(
         invoke(["diagnose", "test", *[fsdecode(model) for model in models]], options)
     )

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from os import PathLike
-from typing import Any, TypeAlias, TypedDict
+from typing import Any, Literal, TypeAlias, TypedDict
 
-__all__ = ["Callback", "Folder", "Simulation", "TrainingOptions"]
+__all__ = ["Callback", "Folder", "RobotChanged", "Simulation", "TrainingOptions"]
 
 Folder: TypeAlias = str | bytes | PathLike[str]
 """A path of the file system; as bytes it need not be UTF-8."""
 Callback: TypeAlias = Callable[[dict[str, Any]], bool | None]
 """Told the metrics of each iteration or epoch, a line of ``metrics.jsonl``; ``False`` stops in good order."""
+
+RobotChanged: TypeAlias = Literal["use-run", "use-file"]
+"""Where the robot file has changed since a training: go on with the robot as the run has it, or with the file
+as it is now. By default that is an error that says what differs."""
 
 
 class Simulation(TypedDict, total=False):

@@ -7,7 +7,7 @@ from os import fsdecode
 from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke, only
-from dappo_batch.commands.options import Callback, Folder, Simulation, TrainingOptions
+from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions
 from dappo_batch.runs import Run, load_run
 
 __all__ = ["evaluate", "resume", "train"]
@@ -47,6 +47,7 @@ def resume(
     steps: int | None = None,
     threads: int | None = None,
     learner: str | None = None,
+    robot_changed: RobotChanged | None = None,
     callback: Callback | None = None,
 ) -> Run:
     """Go on with a training from its newest checkpoint; `steps` may extend its budget.
@@ -54,11 +55,11 @@ def resume(
     Raises
     ------
     ConfigError
-        If the folder holds no run.
+        If the folder holds no run, or the robot file has changed and `robot_changed` does not say what to do.
     CheckpointError
         If its checkpoint cannot be read.
     """
-    options = {"steps": steps, "threads": threads, "learner": learner}
+    options = {"steps": steps, "threads": threads, "learner": learner, "robot_changed": robot_changed}
     invoke(["train", "--resume", fsdecode(run)], options, callback)
     return load_run(run)
 
@@ -69,6 +70,7 @@ def evaluate(
     encoding: str = "true",
     episodes: int | None = None,
     seed: int | None = None,
+    robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> dict[str, Any]:
     """Run policies on every damage class; tables go into ``eval/`` of their runs.
@@ -85,6 +87,8 @@ def evaluate(
         Episodes a damage class; those of the run's configuration if left out.
     seed
         Seed of the initial states.
+    robot_changed
+        What to do where the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 
@@ -93,6 +97,13 @@ def evaluate(
     dict
         ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
     """
-    options = {"compare": compare, "encoding": encoding, "episodes": episodes, "seed": seed, **simulation}
+    options = {
+        "compare": compare,
+        "encoding": encoding,
+        "episodes": episodes,
+        "seed": seed,
+        "robot_changed": robot_changed,
+        **simulation,
+    }
     report: dict[str, Any] = only(invoke(["evaluate", *[fsdecode(run) for run in runs]], options))
     return report

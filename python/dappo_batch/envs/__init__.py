@@ -32,6 +32,7 @@ def make_vec(
     device: Device = "cpu",
     backend: Backend = "auto",
     precision: Precision = "f32",
+    render_mode: str | None = None,
 ) -> DamageVectorEnv:
     """Make `num_envs` environments of one robot; `DamageVectorEnv` describes every parameter.
 
@@ -75,4 +76,5 @@ def make_vec(
         device=device,
         backend=backend,
         precision=precision,
+        render_mode=render_mode,
     )

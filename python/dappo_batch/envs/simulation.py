@@ -20,6 +20,7 @@ from dappo_batch.envs.arguments import (
     onset_range,
     stream_keys,
 )
+from dappo_batch.render.live import LivePainter
 from dappo_batch.robots import Robot
 
 RobotLike: TypeAlias = str | Path | Robot | ClassTable
@@ -36,6 +37,31 @@ Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
 
 Precision: TypeAlias = Literal["f32", "f64"]
 """Floating-point format of the lane engine."""
+
+
+RGB_ARRAY = "rgb_array"
+"""The render mode of all environments."""
+
+PICTURE_SIZE = (480, 480)  # height, width in pixels
+
+
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """Return a render mode that there is.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such mode.
+    """
+    if render_mode not in (None, RGB_ARRAY):
+        raise _core.ConfigError(f"render_mode must be None or {RGB_ARRAY!r}, got {render_mode!r}")
+    return render_mode
+
+
+def painter(table: ClassTable) -> LivePainter:
+    """Return what draws the robots of a class table, with the robot's camera."""
+    camera = table.robot.spec.get("pictures", {}).get("camera", -1)
+    return LivePainter(table.models, camera, *PICTURE_SIZE)
 
 
 def class_table(

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
@@ -16,18 +15,21 @@ from dappo_batch._core import ConfigError, SimulationError
 from dappo_batch._pickling import NotPicklable
 from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, integer, stream_keys
 from dappo_batch.envs.simulation import (
+    RGB_ARRAY,
     Backend,
     Physics,
     Precision,
     RobotLike,
+    checked_render_mode,
     class_table,
     native_env,
+    painter,
     spaces,
     step_seconds,
 )
+from dappo_batch.render.live import LivePainter
 
 NO_TIME_LIMIT = 2**31 - 1
-PICTURE_SIZE = (480, 480)  # height, width in pixels
 
 
 class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -60,7 +62,7 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         "make one with the same arguments, in the process that uses it: vector envs of processes take "
         "functions that make envs"
     )
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
 
     def __init__(
         self,
@@ -79,9 +81,7 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         backend: Backend = "auto",
         precision: Precision = "f32",
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ConfigError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode)
         self.table = class_table(
             robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
         )
@@ -101,10 +101,10 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
             precision=precision,
         )
         self.observation_space, self.action_space = spaces(self._core)
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / step_seconds(self.table))}
+        self.metadata = {"render_modes": [RGB_ARRAY], "render_fps": round(1.0 / step_seconds(self.table))}
         self._was_reset = False
         self._closed = False
-        self._renderer: tuple[int, mujoco.Renderer] | None = None
+        self._painter: LivePainter | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -192,30 +192,23 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the robot, shape [height, width, 3], or None without a render mode.
 
-        The first picture opens MuJoCo's offscreen renderer; without a display set ``MUJOCO_GL=egl``.
-        The damage class in force chooses the model that is drawn.
+        The first picture starts a process that draws with the first OpenGL that works here, with a display
+        or without; ``MUJOCO_GL`` chooses one. The damage class in force chooses the model that is drawn.
 
         Raises
         ------
+        RenderError
+            If no OpenGL works here; the message says what to install.
         SimulationError
             If the env is closed.
         """
         self._check_open()
         if self.render_mode is None:
             return None
-        damage_class = int(self._core.damage_class[0])
-        model = self.table.models[damage_class]
-        if self._renderer is None or self._renderer[0] != damage_class:
-            self._close_renderer()
-            self._renderer = (damage_class, mujoco.Renderer(model, *PICTURE_SIZE))
-        qpos, qvel = self._core.get_state()
-        data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
-        mujoco.mj_forward(model, data)
-        renderer = self._renderer[1]
-        renderer.update_scene(data, camera=self.table.robot.spec.get("pictures", {}).get("camera", -1))
-        picture: NDArray[np.uint8] = renderer.render()
-        return picture
+        if self._painter is None:
+            self._painter = painter(self.table)
+        qpos, _ = self._core.get_state()
+        return self._painter.draw(int(self._core.damage_class[0]), qpos[0])
 
     def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the generalised positions [nq] (m, rad) and velocities [nv] (m/s, rad/s).
@@ -267,13 +260,9 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         """Free the native memory and the renderer; may be called again."""
         if not self._closed:
             self._closed = True
-            self._close_renderer()
+            if self._painter is not None:
+                self._painter.close()
             self._core.close()
-
-    def _close_renderer(self) -> None:
-        if self._renderer is not None:
-            self._renderer[1].close()
-            self._renderer = None
 
     def _check_open(self) -> None:
         if self._closed:

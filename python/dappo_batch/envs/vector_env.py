@@ -24,16 +24,20 @@ from dappo_batch.envs.arguments import (
     stream_keys,
 )
 from dappo_batch.envs.simulation import (
+    RGB_ARRAY,
     Backend,
     Device,
     Physics,
     Precision,
     RobotLike,
+    checked_render_mode,
     class_table,
     native_env,
+    painter,
     spaces,
     step_seconds,
 )
+from dappo_batch.render.live import LivePainter
 
 Infos = dict[str, Any]
 
@@ -98,6 +102,8 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
     precision : {"f32", "f64"}
         Floating-point format of ``"lanes"``: ``"f32"`` is faster, ``"f64"`` equals MuJoCo up to rounding.
         ``"mujoco"`` always computes in double precision.
+    render_mode : {"rgb_array"}, optional
+        What `render` returns; nothing if left out.
 
     Attributes
     ----------
@@ -128,7 +134,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         "make one with the same arguments in the process that uses it, and carry the robots over with "
         "get_state and set_state"
     )
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
 
     def __init__(
         self,
@@ -150,7 +156,9 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         device: Device = "cpu",
         backend: Backend = "auto",
         precision: Precision = "f32",
+        render_mode: str | None = None,
     ) -> None:
+        self.render_mode = checked_render_mode(render_mode)
         self.num_envs = integer(num_envs, "num_envs", 1)
         self.autoreset_mode = autoreset_mode(autoreset)
         self.table = class_table(
@@ -180,7 +188,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {
-            "render_modes": [],
+            "render_modes": [RGB_ARRAY],
             "render_fps": round(1.0 / step_seconds(self.table)),
             "autoreset_mode": self.autoreset_mode,
         }
@@ -189,6 +197,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self._all_envs.flags.writeable = False  # handed out as an info mask when copy=False
         self._severity = np.full(self.num_envs, self.table.severity)
         self._severity.flags.writeable = False
+        self._painter: LivePainter | None = None
         self._was_reset = False
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)  # episodes waiting for a reset by the user
 
@@ -444,8 +453,32 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self._ended = state.ended.copy()
         return self._give(self._core.obs)
 
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every env, each of shape [height, width, 3], or None without a render mode.
+
+        As in `DamageEnv.render`, a process of its own draws, one env after the other: this is for few envs.
+
+        Raises
+        ------
+        RenderError
+            If no OpenGL works here; the message says what to install.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        if self.render_mode is None:
+            return None
+        if self._painter is None:
+            self._painter = painter(self.table)
+        qpos, _ = self._core.get_state()
+        classes = self._core.damage_class.tolist()
+        return tuple(self._painter.draw(*shown) for shown in zip(classes, qpos, strict=True))
+
     def close_extras(self) -> None:
         """Free the native memory; called by `close`."""
+        drawing: LivePainter | None = getattr(self, "_painter", None)
+        if drawing is not None:
+            drawing.close()
         if hasattr(self, "_core"):
             self._core.close()
 

@@ -7,7 +7,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import IO
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.scene import Scene
 
-__all__ = ["INSTALL", "PAINTER", "choices", "draw"]
+__all__ = ["INSTALL", "PAINTER", "choices", "draw", "gave_up", "last_line", "none_works", "start"]
 
 INSTALL = {
     "egl": "apt-get install libegl1 libgl1-mesa-dri",
@@ -46,26 +46,34 @@ def draw(scene: Scene) -> Iterator[NDArray[np.uint8]]:
     """
     reasons = {}
     for choice in choices():
-        with tempfile.TemporaryFile() as complaints, _start(choice, complaints) as painter:
+        with tempfile.TemporaryFile() as complaints, start(choice, complaints) as painter:
             try:
                 yield from _pictures(painter, scene)
                 return
             except _Silent as silent:
                 painter.wait()
-                reason = _last_line(complaints) or f"exit code {painter.returncode}"
+                reason = last_line(complaints) or f"exit code {painter.returncode}"
                 if silent.drawn > 0:
-                    raise RenderError(
-                        f"{choice or 'OpenGL'} gave up after {silent.drawn} pictures: {reason}"
-                    ) from None
+                    raise gave_up(choice, f"after {silent.drawn} pictures: {reason}") from None
                 reasons[choice or "OpenGL"] = reason
             finally:
                 painter.kill()
+    raise none_works(reasons)
+
+
+def none_works(reasons: Mapping[str, str]) -> RenderError:
+    """Return the error that says why no OpenGL works here, and what to install."""
     tried = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
     cure = " or ".join(f"`{INSTALL[choice]}`" for choice in reasons if choice in INSTALL)
-    raise RenderError(
+    return RenderError(
         f"pictures need OpenGL, and none works here ({tried}){f'; try {cure}' if cure else ''};"
         " `dappo-batch doctor` looks further"
     )
+
+
+def gave_up(choice: str, reason: str) -> RenderError:
+    """Return the error of an OpenGL that worked before."""
+    return RenderError(f"{choice or 'OpenGL'} gave up {reason}")
 
 
 class _Silent(Exception):
@@ -75,7 +83,8 @@ class _Silent(Exception):
         self.drawn = drawn
 
 
-def _start(choice: str, complaints: IO[bytes]) -> subprocess.Popen[bytes]:
+def start(choice: str, complaints: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a process that draws."""
     environment = dict(os.environ)
     if choice:
         environment["MUJOCO_GL"] = choice
@@ -106,7 +115,8 @@ def _pictures(painter: subprocess.Popen[bytes], scene: Scene) -> Iterator[NDArra
         yield np.frombuffer(content, np.uint8).reshape(scene.height, scene.width, 3)
 
 
-def _last_line(complaints: IO[bytes]) -> str:
+def last_line(complaints: IO[bytes]) -> str:
+    """Return the last thing that a process has said."""
     complaints.seek(0)
     lines = complaints.read().decode(errors="replace").strip().splitlines()
     return lines[-1].strip() if lines else ""

@@ -1,4 +1,4 @@
-"""The process that draws: reads a `Scene` from its input and writes raw pictures to its output.
+"""The process that draws: reads a `Scene`, or `Live` and one `Pose` after the other; writes raw pictures.
 
 A process of its own: MuJoCo chooses its OpenGL when it is imported, and a bad driver may crash.
 """
@@ -14,9 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from dappo_batch.render.scene import Scene
+from dappo_batch.render.live import Live, Pose
+from dappo_batch.render.scene import Scene, become
 
-__all__ = ["main", "paint"]
+__all__ = ["main", "paint", "paint_live"]
 
 
 def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:
@@ -39,6 +40,29 @@ def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:
         yield renderer.render()
 
 
+def paint_live(live: Live, poses: Iterator[Pose]) -> Iterator[NDArray[np.uint8]]:
+    """Draw a robot pose by pose, each uint8[height, width, 3]."""
+    model = live.model
+    buffer = model.vis.global_
+    buffer.offwidth, buffer.offheight = max(buffer.offwidth, live.width), max(buffer.offheight, live.height)
+    renderer, data = mujoco.Renderer(model, live.height, live.width), mujoco.MjData(model)
+    for pose in poses:
+        if pose.model is not None:
+            become(model, pose.model)
+        data.qpos[:] = pose.qpos
+        mujoco.mj_forward(model, data)
+        renderer.update_scene(data, live.camera)
+        yield renderer.render()
+
+
+def _poses() -> Iterator[Pose]:
+    while True:
+        try:
+            yield pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+
+
 def _bring_shadows(drawn: mujoco.MjvScene, lookat: NDArray[np.float64], distance: float) -> None:
     """Let distant lights follow the robot: MuJoCo draws their shadows only in front of where they stand."""
     for light in drawn.lights[: drawn.nlight]:
@@ -48,14 +72,17 @@ def _bring_shadows(drawn: mujoco.MjvScene, lookat: NDArray[np.float64], distance
 
 def main() -> None:
     """Draw what comes in."""
-    scene = pickle.load(sys.stdin.buffer)
+    told = pickle.load(sys.stdin.buffer)
     # Whatever a driver prints must not end up in the pictures.
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    for index, picture in enumerate(paint(scene)):
+    is_live = isinstance(told, Live)
+    for index, picture in enumerate(paint_live(told, _poses()) if is_live else paint(told)):
         if index == 0 and not picture.any():
             sys.exit("the picture is black")
         pictures.write(picture.tobytes())
+        if is_live:
+            pictures.flush()
     pictures.flush()
     # Freeing some software renderers fails, which says nothing about the pictures.
     os._exit(0)

@@ -69,7 +69,7 @@ def looks(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel
 def become(model: mujoco.MjModel, other: mujoco.MjModel) -> None:
     """Let a model look and move as another of its class table."""
     for name in dir(model):
-        if name.startswith(("body_", "jnt_", "geom_", "mat_")):
+        if name.startswith(("body_", "jnt_", "geom_", "mat_", "site_", "cam_", "light_")):
             numbers = getattr(model, name)
             if isinstance(numbers, np.ndarray):
                 numbers[:] = getattr(other, name)

@@ -31,6 +31,7 @@ pub mod nn;
 pub mod normalizer;
 pub mod ppo;
 mod records;
+pub mod robot_files;
 pub mod rollout;
 pub mod run_folder;
 mod simulator;

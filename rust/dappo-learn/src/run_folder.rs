@@ -1,4 +1,4 @@
-//! The run folder: `config.toml meta.json metrics.jsonl checkpoints/ eval/`.
+//! The run folder: `config.toml meta.json robot/ metrics.jsonl checkpoints/ eval/`.
 
 use std::fs::{self, File};
 use std::ops::Deref;
@@ -10,6 +10,7 @@ use crate::config::{Config, Layers};
 use crate::error::{LearnError, Result};
 use crate::files::{self, io, own_folder, read_text, write_atomically};
 use crate::metrics::{Metrics, MetricsLog};
+use crate::robot_files::{RobotFiles, keep};
 use crate::simulator::Simulator;
 
 /// The folder of one training run.
@@ -40,7 +41,7 @@ pub struct Meta {
 
 impl RunFolder {
     /// Makes a new run folder; refuses one that already holds a run.
-    pub fn create(root: &Path, config: &Config, meta: &Meta) -> Result<LockedRun> {
+    pub fn create(root: &Path, config: &Config, meta: &Meta, robot: &RobotFiles) -> Result<LockedRun> {
         fs::create_dir_all(root).map_err(io(root))?;
         // Only then is there a look at what it holds: of two processes that begin together, one makes the run.
         let run = Self { root: root.to_owned() }.lock()?;
@@ -52,6 +53,7 @@ impl RunFolder {
         }
         own_folder(&run.checkpoints())?;
         run.write_meta(meta)?;
+        run.keep_robot(robot)?;
         // The configuration makes it a run, so it comes last: a kill before leaves a folder that can be used again.
         write_atomically(&run.config_path(), config.to_toml()?.as_bytes())?;
         Ok(run)
@@ -164,6 +166,11 @@ impl Deref for LockedRun {
 }
 
 impl LockedRun {
+    /// Keeps a copy of the robot that is trained from now on.
+    pub fn keep_robot(&self, robot: &RobotFiles) -> Result<()> {
+        keep(&self.root, robot)
+    }
+
     /// Notes a new budget of env steps in `config.toml`.
     pub fn extend(&self, total_steps: u64) -> Result<()> {
         let (_, config) = RunFolder::open(&self.root)?;

@@ -18,17 +18,26 @@ use crate::cli::policy::{self, LoadedPolicy};
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::pool::Pool;
+use crate::run_robot::{self, OpenRun, RobotChanged};
 use crate::vector_env::not_contiguous;
 
-/// Where the parts of a controller lie that its policy does not bring along.
-pub struct Parts<'a> {
-    /// Run folder of the expert; the policy itself, as if nothing were damaged, for `None`.
-    pub expert: Option<&'a Path>,
+/// The parts of a controller that its policy does not bring along.
+pub struct Parts {
+    /// Run of the expert; the policy itself, as if nothing were damaged, for `None`.
+    expert: Option<OpenRun>,
     /// Folder of the diagnoser's training.
-    pub diagnoser: &'a Path,
+    diagnoser: PathBuf,
 }
 
-impl Parts<'_> {
+impl Parts {
+    /// Opens the parts; fails unless they were made with the robot of the policy's run.
+    pub fn open(py: Python<'_>, run: &OpenRun, expert: Option<&Path>, diagnoser: &Path) -> PyResult<Self> {
+        // The expert takes every robot for healthy.
+        let expert = expert.map(|expert| run.open_beside(py, expert, false)).transpose()?;
+        run.check_folder(py, diagnoser)?;
+        Ok(Self { expert, diagnoser: diagnoser.to_owned() })
+    }
+
     /// Reads all parts, and where they come from; `factory` and `config` are those of the policy's run.
     pub fn load(
         &self,
@@ -39,23 +48,22 @@ impl Parts<'_> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
         let baselines = mean_velocities(&folder.read_evaluation("per_class.csv")?, &names)?;
         let (policy, policy_source) = load_actor(folder, config, factory)?;
-        let (expert, expert_source) = match self.expert {
+        let (expert, expert_source) = match &self.expert {
             None => (policy.clone(), None),
             Some(run) => {
-                let (folder, config) = RunFolder::open(run)?;
-                let (actor, source) = load_actor(&folder, &config, factory)?;
+                let (actor, source) = load_actor(&run.folder, &run.config, factory)?;
                 (actor, Some(source))
             }
         };
-        let (training, _) = TrainingFolder::open(self.diagnoser)?;
+        let (training, _) = TrainingFolder::open(&self.diagnoser)?;
         let diagnoser = Diagnoser::load(&training.model())?;
         let sources = Sources {
             policy: policy_source,
             expert: expert_source,
-            diagnoser: DiagnoserSource {
-                folder: last_name(self.diagnoser),
+            diagnoser: Some(DiagnoserSource {
+                folder: last_name(&self.diagnoser),
                 fingerprint: Diagnoser::fingerprint(&training.model())?,
-            },
+            }),
         };
         Ok((Skills { policy, expert: Expert::new(expert), diagnoser, baselines }, sources))
     }
@@ -75,7 +83,8 @@ impl Parts<'_> {
     }
 }
 
-fn load_actor(
+/// The policy of a run by itself, and where it comes from.
+pub fn load_actor(
     folder: &RunFolder,
     config: &Config,
     factory: &TableFactory,
@@ -94,6 +103,7 @@ fn last_name(folder: &Path) -> String {
 pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<(TableFactory, Config)> {
     let mut config = export.config().map_err(|error| from_learn(&error))?;
     config.env.threads = Some(threads);
+    run_robot::check_export(py, export)?;
     let factory = TableFactory::compile(py, &config)?;
     let found: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
     if found != export.header().class_names() {
@@ -134,9 +144,9 @@ impl PyController {
 #[pymethods]
 impl PyController {
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "in Python they have names")]
     #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new(),
-                        threads=1))]
-    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+                        threads=1, robot_changed=None))]
     fn new(
         py: Python<'_>,
         run: PathBuf,
@@ -146,14 +156,16 @@ impl PyController {
         trigger: &str,
         settings: Vec<String>,
         threads: usize,
+        robot_changed: Option<&str>,
     ) -> PyResult<Self> {
         let wanted = self::settings(trigger, &settings).map_err(|error| from_learn(&error))?;
-        let (folder, mut config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
-        config.env.threads = Some(threads);
-        let pool = Pool::new(config.env.threads)?;
-        let factory = TableFactory::compile(py, &config)?;
-        let parts = Parts { expert: expert.as_deref(), diagnoser: &diagnoser };
-        let controller = pool.run(py, || parts.assemble(&folder, &config, &factory, wanted, num_robots))?;
+        let mut run = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
+        run.config.env.threads = Some(threads);
+        let pool = Pool::new(run.config.env.threads)?;
+        let factory = TableFactory::compile(py, &run.config)?;
+        let parts = Parts::open(py, &run, expert.as_deref(), &diagnoser)?;
+        let controller =
+            pool.run(py, || parts.assemble(&run.folder, &run.config, &factory, wanted, num_robots))?;
         Ok(Self::wrap(controller, pool))
     }
 
@@ -163,10 +175,11 @@ impl PyController {
     fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize, threads: usize) -> PyResult<Self> {
         let pool = Pool::new(Some(threads))?;
         let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
+        let (skills, settings) = export.controller().map_err(|error| from_learn(&error))?;
         let (factory, config) = open_export(py, &export, threads)?;
         let controller = pool.run(py, || {
             let twins = factory.backend(num_robots, None, config.evaluation.compute())?;
-            Controller::new(export.skills()?, export.header().controller.clone(), twins)
+            Controller::new(skills, settings, twins)
         })?;
         Ok(Self::wrap(controller, pool))
     }

@@ -7,7 +7,6 @@ use dappo_learn::config::Config;
 use dappo_learn::diagnose::trajectory::Trajectories;
 use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder, Window};
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::run_folder::RunFolder;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -15,6 +14,7 @@ use crate::cli::policy;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotChanged};
 use crate::vector_env::not_contiguous;
 
 /// A trained diagnoser, and what simulates the healthy twins that it compares robots with.
@@ -32,12 +32,20 @@ pub struct PyDiagnoser {
 impl PyDiagnoser {
     /// Reads a diagnoser, and the expert that its twins follow.
     #[staticmethod]
-    #[pyo3(signature = (folder, expert, *, threads=None))]
-    fn load(py: Python<'_>, folder: PathBuf, expert: PathBuf, threads: Option<usize>) -> PyResult<Self> {
+    #[pyo3(signature = (folder, expert, *, threads=None, robot_changed=None))]
+    fn load(
+        py: Python<'_>,
+        folder: PathBuf,
+        expert: PathBuf,
+        threads: Option<usize>,
+        robot_changed: Option<&str>,
+    ) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
         let (training, _) = TrainingFolder::open(&folder).map_err(|error| from_learn(&error))?;
         let diagnoser = pool.run(py, || Diagnoser::load(&training.model()))?;
-        let (run, mut config) = RunFolder::open(&expert).map_err(|error| from_learn(&error))?;
+        let run = OpenRun::open(py, &expert, RobotChanged::parse(robot_changed)?)?;
+        run.check_folder(py, &folder)?;
+        let OpenRun { folder: run, mut config, .. } = run;
         // Threads are a matter of this machine, not of the one that trained.
         config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;

@@ -25,7 +25,7 @@ impl PyExportedNetworks {
     #[new]
     fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
         let pool = Pool::new(Some(1))?;
-        let skills = pool.run(py, || Export::open(&folder).and_then(|export| export.skills()))?;
+        let (skills, _) = pool.run(py, || Export::open(&folder).and_then(|export| export.controller()))?;
         Ok(Self { skills, pool })
     }
 

@@ -1,7 +1,5 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
-use std::path::PathBuf;
-
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::{EnvFactory, Sizes};
@@ -89,12 +87,6 @@ impl TableFactory {
     /// The class table in Python.
     pub fn table<'py>(&self, py: Python<'py>) -> &Bound<'py, PyAny> {
         self.table.bind(py)
-    }
-
-    /// The robot file as it is written, and the MJCF file that it names.
-    pub fn robot_files(&self, py: Python<'_>) -> PyResult<(String, PathBuf)> {
-        let robot = self.table(py).getattr("robot")?;
-        Ok((robot.getattr("toml_text")?.extract()?, robot.getattr("mjcf_path")?.extract()?))
     }
 
     /// Integrator of the compiled models, as MuJoCo names it.

@@ -16,6 +16,7 @@ mod policy;
 mod pool;
 mod robot;
 mod rollout;
+mod run_robot;
 mod vector_env;
 mod warp;
 

@@ -2,24 +2,25 @@
 
 use std::path::PathBuf;
 
-use dappo_learn::Ppo;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Policy;
-use dappo_learn::run_folder::RunFolder;
+use dappo_learn::export::Export;
 use dappo_sim::DamageSpace;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::cli::policy;
+use crate::cli::policy::{self, LoadedPolicy};
+use crate::controller;
 use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotChanged};
 use crate::vector_env::not_contiguous;
 
 /// A trained policy without exploration noise.
 #[pyclass(name = "Policy", module = "dappo_batch._core")]
 pub struct PyPolicy {
-    ppo: Ppo,
+    policy: Box<dyn Policy + Send + Sync>,
     pool: Pool,
     space: DamageSpace,
     /// Damage codes of all classes, `[classes, code_length]`; empty rows for a policy that observes no damage.
@@ -35,24 +36,36 @@ pub struct PyPolicy {
 impl PyPolicy {
     /// Reads the policy in the newest checkpoint of a run.
     #[staticmethod]
-    #[pyo3(signature = (run, *, threads=None))]
-    fn load(py: Python<'_>, run: PathBuf, threads: Option<usize>) -> PyResult<Self> {
+    #[pyo3(signature = (run, *, threads=None, robot_changed=None))]
+    fn load(
+        py: Python<'_>,
+        run: PathBuf,
+        threads: Option<usize>,
+        robot_changed: Option<&str>,
+    ) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
-        let (folder, config) = RunFolder::open(&run).map_err(|error| from_learn(&error))?;
+        let OpenRun { folder, mut config, .. } =
+            OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
+        config.env.threads = Some(1);
         let factory = TableFactory::compile(py, &config)?;
-        let loaded = pool.run(py, || policy::load(&folder, &config, &factory))?;
-        let code_length = loaded.ppo.normalizer().code_length();
-        let space = factory.space().clone();
-        Ok(Self {
-            codes: if code_length > 0 { space.codes() } else { Vec::new() },
-            space,
-            code_length,
-            obs_dim: loaded.ppo.normalizer().obs_dim() - code_length,
-            action_dim: loaded.ppo.actor_critic().action_dim(),
-            env_steps: loaded.env_steps,
-            ppo: loaded.ppo,
-            pool,
-        })
+        let LoadedPolicy { ppo, env_steps, .. } =
+            pool.run(py, || policy::load(&folder, &config, &factory))?;
+        let (width, code_length) = (ppo.normalizer().obs_dim(), ppo.normalizer().code_length());
+        let action_dim = ppo.actor_critic().action_dim();
+        Ok(Self::new(Box::new(ppo), pool, factory.space(), [width, code_length, action_dim], env_steps))
+    }
+
+    /// Reads the policy of an export folder.
+    #[staticmethod]
+    #[pyo3(signature = (folder, *, threads=None))]
+    fn from_export(py: Python<'_>, folder: PathBuf, threads: Option<usize>) -> PyResult<Self> {
+        let pool = Pool::new(threads)?;
+        let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
+        let (factory, _) = controller::open_export(py, &export, 1)?;
+        let policy = pool.run(py, || export.policy())?;
+        let (header, code_length) = (export.header(), policy.code_length());
+        let sizes = [header.obs_dim + code_length, code_length, header.action_dim];
+        Ok(Self::new(Box::new(policy), pool, factory.space(), sizes, header.sources.policy.env_steps))
     }
 
     /// Length of an observation, without damage code.
@@ -112,12 +125,31 @@ impl PyPolicy {
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let classes = damage_classes.as_slice().map_err(not_contiguous)?;
         let told = self.tell(rows, classes)?;
-        let actions = self.pool.run(py, || self.ppo.mean_actions(&told))?;
+        let actions = self.pool.run(py, || self.policy.mean_actions(&told))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
     }
 }
 
 impl PyPolicy {
+    fn new(
+        policy: Box<dyn Policy + Send + Sync>,
+        pool: Pool,
+        space: &DamageSpace,
+        [width, code_length, action_dim]: [usize; 3],
+        env_steps: u64,
+    ) -> Self {
+        Self {
+            policy,
+            pool,
+            codes: if code_length > 0 { space.codes() } else { Vec::new() },
+            space: space.clone(),
+            code_length,
+            obs_dim: width - code_length,
+            action_dim,
+            env_steps,
+        }
+    }
+
     /// Puts the code of its class behind every observation.
     fn tell(&self, rows: &[f32], classes: &[i64]) -> PyResult<Vec<f32>> {
         let known = self.space.classes().len();

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::controller::ControllerConfig;
 use crate::diagnose::{Description, Head, Method, Standardizer, Subject, Twin, TwinAction};
+use crate::error::{LearnError, Result};
 
 /// The name and version of the format.
 pub(super) const FORMAT: &str = "dappo-batch export 1";
@@ -29,15 +30,15 @@ pub struct Header {
     pub action_dim: usize,
     /// The damage classes; the index is the class, 0 is the healthy robot.
     pub classes: Vec<ClassHeader>,
-    /// When damage is suspected and what is believed.
-    pub controller: ControllerConfig,
-    /// The damage-aware policy.
+    /// When damage is suspected and what is believed; nothing for a policy alone.
+    pub controller: Option<ControllerConfig>,
+    /// The policy.
     pub policy: PolicyHeader,
     /// The policy that walks during an examination; the policy itself, told that nothing is damaged, for none.
     pub expert: Option<PolicyHeader>,
-    /// The diagnoser.
-    pub diagnoser: DiagnoserHeader,
-    /// The simulated robot beside the real one.
+    /// The diagnoser; nothing for a policy alone.
+    pub diagnoser: Option<DiagnoserHeader>,
+    /// How to simulate the robot, and how to lead a simulated one beside the real one.
     pub twin: TwinHeader,
     /// What the parts were made from.
     pub sources: Sources,
@@ -53,8 +54,8 @@ pub struct ClassHeader {
     pub name: String,
     /// Its damage code, zeros and ones.
     pub code: Vec<u8>,
-    /// Forward velocity of the policy when it is told the truth, m/s.
-    pub baseline: f64,
+    /// Forward velocity of the policy when it is told the truth, m/s; a policy alone may not have been evaluated.
+    pub baseline: Option<f64>,
 }
 
 /// A policy: an observation, followed by a damage code, in; actions out.
@@ -123,13 +124,13 @@ pub struct TwinHeader {
     pub touch_sensors: Vec<String>,
     /// Body whose way along x in a control step, divided by the control period, is the forward velocity.
     pub forward_velocity: String,
-    /// Whose actions the twin takes during an examination.
-    pub action: TwinAction,
+    /// Whose actions the twin takes during an examination; nothing for a policy alone, as in the following entries.
+    pub action: Option<TwinAction>,
     /// Steps of an examination after which the twin is put into the state of the robot again; 0 = only at its begin.
-    pub resync: u32,
+    pub resync: Option<u32>,
     /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
     /// take part, `[O]`.
-    pub residual_scale: Vec<f32>,
+    pub residual_scale: Option<Vec<f32>>,
 }
 
 /// Where the parts come from.
@@ -140,8 +141,8 @@ pub struct Sources {
     pub policy: RunSource,
     /// Of the expert, if it has a run of its own.
     pub expert: Option<RunSource>,
-    /// Of the diagnoser.
-    pub diagnoser: DiagnoserSource,
+    /// Of the diagnoser, if there is one.
+    pub diagnoser: Option<DiagnoserSource>,
 }
 
 /// A training run.
@@ -185,10 +186,20 @@ impl Header {
         self.classes.iter().map(|class| class.name.clone()).collect()
     }
 
-    /// The diagnoser without its weights.
-    pub(super) fn description(&self, standardizer: Standardizer) -> Description {
-        let diagnoser = &self.diagnoser;
-        Description {
+    /// A diagnoser without its weights.
+    pub(super) fn description(
+        &self,
+        diagnoser: &DiagnoserHeader,
+        standardizer: Standardizer,
+    ) -> Result<Description> {
+        let missing = |what: &str| {
+            LearnError::Invalid(format!("the header does not say how the twin is led: `{what}`"))
+        };
+        let twin = Twin {
+            action: self.twin.action.ok_or_else(|| missing("action"))?,
+            resync: self.twin.resync.ok_or_else(|| missing("resync"))?,
+        };
+        Ok(Description {
             method: diagnoser.method,
             timesteps: diagnoser.timesteps,
             obs_dim: self.obs_dim,
@@ -198,14 +209,14 @@ impl Header {
             lstm: diagnoser.lstm,
             hidden: diagnoser.hidden.clone(),
             held_out: diagnoser.held_out.clone(),
-            twin: Twin { action: self.twin.action, resync: self.twin.resync },
+            twin,
             subject: Subject {
                 robot: self.robot.clone(),
                 class_names: self.class_names(),
                 codes: self.classes.iter().map(|class| class.code.clone()).collect(),
             },
             standardizer,
-        }
+        })
     }
 }
 

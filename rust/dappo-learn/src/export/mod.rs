@@ -1,10 +1,12 @@
-//! One folder with everything that a robot needs to adapt: for programs in any language, and for a [`Controller`].
+//! One folder with everything that a robot needs to adapt, for programs in any language and for a [`Controller`]; or
+//! with a policy alone.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `export.json` | the [`Header`], which lists all others with their SHA-256 |
 //! | `policy.*`, `diagnoser.*`, `expert.*` | networks, as ONNX from raw inputs on, and as safetensors |
 //! | `robot.xml`, `robot.toml` | the healthy robot as MJCF, and what else is known about it |
+//! | `robot-*` | meshes, textures and the like that the MJCF needs |
 //! | `config.toml` | the configuration of the policy's run |
 //!
 //! [`Controller`]: crate::controller::Controller
@@ -26,6 +28,7 @@ use crate::config::{Config, Layers};
 use crate::controller::{ControllerConfig, Skills};
 use crate::diagnose::Expert;
 use crate::error::{LearnError, Result};
+use crate::robot_files::RobotFiles;
 
 pub use folder::Staged;
 use folder::{fingerprint, read};
@@ -43,24 +46,26 @@ const MJCF: &str = "robot.xml";
 pub struct Body<'a> {
     /// What its robot file says.
     pub robot: &'a Robot,
-    /// The robot file as it is written.
-    pub toml: String,
-    /// Its MJCF file as it is written: MuJoCo rounds numbers when it writes a model down itself.
-    pub mjcf: Vec<u8>,
+    /// Its files, `robot.toml` and `robot.xml` among them, with numbers as they were written: MuJoCo rounds them when
+    /// it writes a model down itself.
+    pub files: &'a RobotFiles,
     /// Observation and control of the compiled robot.
     pub task: &'a Task,
     /// Integrator, as MuJoCo names it.
-    pub integrator: String,
+    pub integrator: &'a str,
     /// Version of MuJoCo.
-    pub mujoco: String,
+    pub mujoco: &'a str,
 }
 
 /// Everything that goes into a folder.
 pub struct Contents<'a> {
-    /// What the controller has learned.
-    pub skills: &'a Skills,
-    /// When it suspects damage and what it believes.
-    pub controller: &'a ControllerConfig,
+    /// The policy.
+    pub policy: &'a Actor,
+    /// The damage classes.
+    pub classes: Vec<ClassHeader>,
+    /// What a controller has learned beside, and when it suspects damage and what it believes; nothing for a policy
+    /// alone.
+    pub controller: Option<(&'a Skills, &'a ControllerConfig)>,
     /// The robot.
     pub body: Body<'a>,
     /// The configuration of the policy's run.
@@ -73,63 +78,59 @@ impl Contents<'_> {
     /// Writes the folder beside `out`, to be committed when it has proved to be usable.
     pub fn stage(&self, out: &Path) -> Result<Staged> {
         let mut header = self.header();
-        let Skills { policy, expert, diagnoser, .. } = self.skills;
-        let mut files = BTreeMap::from([
-            (CONFIG.to_owned(), self.run_config()?.into_bytes()),
-            (ROBOT.to_owned(), self.robot_file()?.into_bytes()),
-            (MJCF.to_owned(), self.body.mjcf.clone()),
-        ]);
+        let mut files: BTreeMap<String, Vec<u8>> = self.body.files.iter().cloned().collect();
+        files.insert(CONFIG.to_owned(), self.run_config()?.into_bytes());
         let mut add = |tensors: &Tensors, names: [&String; 2], onnx: Vec<u8>| -> Result<()> {
             files.insert(names[0].clone(), onnx);
             files.insert(names[1].clone(), tensors.to_bytes(&out.join(names[1]))?);
             Ok(())
         };
-        for (part, actor) in [(Some(&header.policy), policy), (header.expert.as_ref(), expert.actor())] {
-            let Some(part) = part else { continue };
+        let skills = self.controller.map(|(skills, _)| skills);
+        let expert = header.expert.as_ref().zip(skills.map(|skills| skills.expert.actor()));
+        for (part, actor) in [Some((&header.policy, self.policy)), expert].into_iter().flatten() {
             let tensors = networks::policy_tensors(actor)?;
             add(&tensors, [&part.onnx, &part.tensors], onnx::policy(part, &tensors)?)?;
         }
-        let (part, tensors) = (&header.diagnoser, networks::diagnoser_tensors(diagnoser)?);
-        add(&tensors, [&part.onnx, &part.tensors], onnx::diagnoser(&header, &tensors)?)?;
+        if let Some((part, skills)) = header.diagnoser.as_ref().zip(skills) {
+            let tensors = networks::diagnoser_tensors(&skills.diagnoser)?;
+            add(&tensors, [&part.onnx, &part.tensors], onnx::diagnoser(&header, part, &tensors)?)?;
+        }
         header.files = files.iter().map(|(name, bytes)| (name.clone(), fingerprint(bytes))).collect();
         Staged::write(out, &header, &files)
     }
 
     fn header(&self) -> Header {
-        let Self { skills, controller, body, sources, .. } = self;
-        let description = skills.diagnoser.description();
-        let subject = &description.subject;
-        let classes = subject.class_names.iter().zip(&subject.codes).zip(&skills.baselines);
+        let Self { policy, classes, controller, body, sources, .. } = self;
+        let skills = controller.map(|(skills, _)| skills);
+        let twin = skills.map(|skills| skills.diagnoser.description().twin);
         Header {
             format: header::FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
             robot: body.robot.name.clone(),
             control_period: body.task.dt(),
-            obs_dim: description.obs_dim,
-            action_dim: description.action_dim,
-            classes: classes
-                .map(|((name, code), baseline)| ClassHeader {
-                    name: name.clone(),
-                    code: code.clone(),
-                    baseline: *baseline,
-                })
-                .collect(),
-            controller: (*controller).clone(),
-            policy: networks::policy_header("policy", &skills.policy),
-            expert: sources.expert.as_ref().map(|_| networks::policy_header("expert", skills.expert.actor())),
-            diagnoser: networks::diagnoser_header(&skills.diagnoser),
+            obs_dim: policy.obs_dim(),
+            action_dim: body.task.layout().nu,
+            classes: classes.clone(),
+            controller: controller.map(|(_, config)| config.clone()),
+            policy: networks::policy_header("policy", policy),
+            expert: sources
+                .expert
+                .as_ref()
+                .zip(skills)
+                .map(|(_, skills)| networks::policy_header("expert", skills.expert.actor())),
+            diagnoser: skills.map(|skills| networks::diagnoser_header(&skills.diagnoser)),
             twin: TwinHeader {
                 mjcf: MJCF.into(),
-                mujoco: body.mujoco.clone(),
-                integrator: body.integrator.clone(),
+                mujoco: body.mujoco.to_owned(),
+                integrator: body.integrator.to_owned(),
                 frame_skip: body.task.frame_skip,
                 action_scale: body.task.action_scale,
                 observation: body.robot.observation.terms.clone(),
                 touch_sensors: body.robot.limbs.iter().filter_map(|limb| limb.touch.clone()).collect(),
                 forward_velocity: body.robot.main_body.clone(),
-                action: description.twin.action,
-                resync: description.twin.resync,
-                residual_scale: skills.compared(body.task),
+                action: twin.map(|twin| twin.action),
+                resync: twin.map(|twin| twin.resync),
+                residual_scale: skills.map(|skills| skills.compared(body.task)),
             },
             sources: sources.clone(),
             files: BTreeMap::new(),
@@ -139,15 +140,6 @@ impl Contents<'_> {
     /// The configuration of the run, whose robot is the one in the folder.
     fn run_config(&self) -> Result<String> {
         Config { robot: ROBOT.into(), ..self.config.clone() }.to_toml()
-    }
-
-    /// The robot file, whose MJCF is the one in the folder.
-    fn robot_file(&self) -> Result<String> {
-        let broken = |error: String| LearnError::Invalid(format!("cannot copy the robot file: {error}"));
-        let mut table: toml::Table =
-            self.body.toml.parse().map_err(|error: toml::de::Error| broken(error.to_string()))?;
-        table.insert("mjcf".into(), MJCF.into());
-        toml::to_string(&table).map_err(|error| broken(error.to_string()))
     }
 }
 
@@ -162,8 +154,16 @@ impl Export {
     pub fn open(folder: &Path) -> Result<Self> {
         let folder = std::path::absolute(folder).map_err(crate::files::io(folder))?;
         let header = folder::open(&folder)?;
-        header.controller.check().map_err(|error| unusable(&folder, error.to_string()))?;
+        if let Some(controller) = &header.controller {
+            controller.check().map_err(|error| unusable(&folder, error.to_string()))?;
+        }
         Ok(Self { folder, header })
+    }
+
+    /// Where it lies.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// What it is.
@@ -183,19 +183,31 @@ impl Export {
         layers.resolve()
     }
 
-    /// What the controller has learned.
-    pub fn skills(&self) -> Result<Skills> {
-        let policy = self.policy(&self.header.policy)?;
-        let expert =
-            self.header.expert.as_ref().map_or_else(|| Ok(policy.clone()), |part| self.policy(part))?;
-        let name = &self.header.diagnoser.tensors;
-        let (path, bytes) = (self.folder.join(name), read(&self.folder, &self.header, name)?);
-        let diagnoser = networks::read_diagnoser(&self.header, &Reader::new(&path, &bytes)?)?;
-        let baselines = self.header.classes.iter().map(|class| class.baseline).collect();
-        Ok(Skills { policy, expert: Expert::new(expert), diagnoser, baselines })
+    /// The policy.
+    pub fn policy(&self) -> Result<Actor> {
+        self.actor(&self.header.policy)
     }
 
-    fn policy(&self, part: &PolicyHeader) -> Result<Actor> {
+    /// What a controller has learned, and its settings.
+    pub fn controller(&self) -> Result<(Skills, ControllerConfig)> {
+        let Header { diagnoser: Some(diagnoser), controller: Some(config), .. } = &self.header else {
+            let message = "it holds a policy alone, and a controller needs a diagnoser, too; export again with \
+                           --diagnoser, or take the policy by itself with Policy.from_export";
+            return Err(unusable(&self.folder, message.into()));
+        };
+        let policy = self.policy()?;
+        let expert =
+            self.header.expert.as_ref().map_or_else(|| Ok(policy.clone()), |part| self.actor(part))?;
+        let name = &diagnoser.tensors;
+        let (path, bytes) = (self.folder.join(name), read(&self.folder, &self.header, name)?);
+        let diagnoser = networks::read_diagnoser(&self.header, diagnoser, &Reader::new(&path, &bytes)?)?;
+        let baselines: Option<Vec<f64>> = self.header.classes.iter().map(|class| class.baseline).collect();
+        let missing = || unusable(&self.folder, "a damage class has no `baseline`; export again".into());
+        let baselines = baselines.ok_or_else(missing)?;
+        Ok((Skills { policy, expert: Expert::new(expert), diagnoser, baselines }, config.clone()))
+    }
+
+    fn actor(&self, part: &PolicyHeader) -> Result<Actor> {
         let (path, bytes) =
             (self.folder.join(&part.tensors), read(&self.folder, &self.header, &part.tensors)?);
         networks::read_policy(part, self.header.obs_dim, &Reader::new(&path, &bytes)?)

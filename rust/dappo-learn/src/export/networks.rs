@@ -77,9 +77,13 @@ pub(super) fn diagnoser_tensors(diagnoser: &Diagnoser) -> Result<Tensors> {
     Ok(tensors)
 }
 
-pub(super) fn read_diagnoser(header: &Header, file: &Reader<'_>) -> Result<Diagnoser> {
-    let inputs = header.diagnoser.method.input_dim(header.obs_dim, header.action_dim);
-    let description = header.description(read_statistics(inputs, file)?);
+pub(super) fn read_diagnoser(
+    header: &Header,
+    part: &DiagnoserHeader,
+    file: &Reader<'_>,
+) -> Result<Diagnoser> {
+    let inputs = part.method.input_dim(header.obs_dim, header.action_dim);
+    let description = header.description(part, read_statistics(inputs, file)?)?;
     description.check().map_err(|error| file.blame(&error))?;
     let sizes = description.sizes();
     let recurrent = [sizes.lstm, 4 * sizes.lstm];

@@ -29,7 +29,7 @@ fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
         command: Vec::new(),
     };
     let config = Config { robot: "ant".into(), seed, ..Config::default() };
-    RunFolder::create(root, &config, &meta).map_err(|error| error.to_string())
+    RunFolder::create(root, &config, &meta, &Vec::new()).map_err(|error| error.to_string())
 }
 
 #[test]

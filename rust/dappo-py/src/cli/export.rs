@@ -2,25 +2,29 @@
 
 use std::path::Path;
 
+use dappo_learn::Result;
 use dappo_learn::config::Config;
-use dappo_learn::controller::{ControllerConfig, Skills};
+use dappo_learn::controller::ControllerConfig;
+use dappo_learn::diagnose::Subject;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::export::{Body, Contents, Export, Header, Sources, Staged};
+use dappo_learn::evaluate::mean_velocities;
+use dappo_learn::export::{Body, ClassHeader, Contents, Export, Header, Sources, Staged};
+use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{LearnError, Result};
+use dappo_sim::terms::Task;
 use pyo3::prelude::*;
 
 use super::args::ExportArgs;
 use super::console;
-use crate::controller;
+use crate::controller::{self, Parts, load_actor};
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::OpenRun;
 
 /// What Python knows about the robot.
-struct RobotFiles {
-    toml: String,
-    mjcf: Vec<u8>,
+struct RobotInPython {
+    files: RobotFiles,
     integrator: String,
     mujoco: String,
 }
@@ -28,61 +32,89 @@ struct RobotFiles {
 pub fn run(py: Python<'_>, arguments: &ExportArgs) -> PyResult<i32> {
     let wanted = arguments.controller.config().map_err(|error| from_learn(&error))?;
     Staged::check(&arguments.out).map_err(|error| from_learn(&error))?;
-    let (folder, config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
-    let factory = TableFactory::compile(py, &config)?;
-    let files = RobotFiles::read(py, &factory)?;
+    let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
+    let diagnoser = arguments.diagnoser.as_deref();
+    let parts = diagnoser.map(|diagnoser| arguments.controller.parts(py, &run, diagnoser)).transpose()?;
+    let factory = TableFactory::compile(py, &run.config)?;
+    let robot = RobotInPython {
+        files: run.robot.files(py)?,
+        integrator: factory.integrator(py)?,
+        mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
+    };
+    let exported = Exported { folder: &run.folder, config: &run.config, factory: &factory, robot };
     // There is nothing here for a second one to do.
     let pool = Pool::new(Some(1))?;
-    let staged = pool.run(py, || {
-        let parts = arguments.controller.parts();
-        let (skills, sources) = parts.load(&folder, &config, &factory)?;
-        stage(&arguments.out, &skills, sources, &wanted, (&config, &factory), files)
+    let staged = pool.run(py, || match &parts {
+        Some(parts) => exported.stage_controller(&arguments.out, parts, &wanted),
+        None => exported.stage_policy(&arguments.out),
     })?;
     let export = Export::open(staged.folder()).map_err(|error| from_learn(&error))?;
     // The copy must do without anything that lies beside the original.
-    controller::open_export(py, &export, 1).map_err(|error| {
-        raise(
-            Kind::Config,
-            format!("the robot cannot be copied, its MJCF must not need other files: {}", error.value(py)),
-        )
-    })?;
+    controller::open_export(py, &export, 1)
+        .map_err(|error| raise(Kind::Config, format!("the robot cannot be exported: {}", error.value(py))))?;
     staged.commit().map_err(|error| from_learn(&error))?;
     describe(export.header(), &arguments.out);
     Ok(0)
 }
 
-impl RobotFiles {
-    fn read(py: Python<'_>, factory: &TableFactory) -> PyResult<Self> {
-        let (toml, path) = factory.robot_files(py)?;
-        let mjcf = std::fs::read(&path)
-            .map_err(|source| from_learn(&LearnError::Io { path: path.clone(), source }))?;
-        let mujoco = py.import("mujoco")?.getattr("__version__")?.extract()?;
-        Ok(Self { toml, mjcf, integrator: factory.integrator(py)?, mujoco })
+/// A run whose policy is exported.
+struct Exported<'a> {
+    folder: &'a RunFolder,
+    config: &'a Config,
+    factory: &'a TableFactory,
+    robot: RobotInPython,
+}
+
+impl Exported<'_> {
+    fn stage_controller(&self, out: &Path, parts: &Parts, wanted: &ControllerConfig) -> Result<Staged> {
+        let (skills, sources) = parts.load(self.folder, self.config, self.factory)?;
+        let twins = self.factory.backend(1, None, self.config.evaluation.compute())?;
+        skills.check(twins.as_ref())?;
+        let subject = &skills.diagnoser.description().subject;
+        let classes = classes(subject, Some(&skills.baselines));
+        let controller = Some((&skills, wanted));
+        let (policy, body, config) = (&skills.policy, self.body(twins.task()), self.config);
+        Contents { policy, classes, controller, body, config, sources }.stage(out)
+    }
+
+    fn stage_policy(&self, out: &Path) -> Result<Staged> {
+        let (policy, source) = load_actor(self.folder, self.config, self.factory)?;
+        let subject = Subject::new(&self.factory.robot().name, self.factory.space());
+        // A policy alone need not have been evaluated.
+        let table = self.folder.read_evaluation("per_class.csv").ok();
+        let baselines = table.map(|table| mean_velocities(&table, &subject.class_names)).transpose()?;
+        let classes = classes(&subject, baselines.as_deref());
+        let robot = self.factory.backend(1, None, self.config.evaluation.compute())?;
+        let sources = Sources { policy: source, expert: None, diagnoser: None };
+        let (policy, body, config) = (&policy, self.body(robot.task()), self.config);
+        Contents { policy, classes, controller: None, body, config, sources }.stage(out)
+    }
+
+    fn body<'a>(&'a self, task: &'a Task) -> Body<'a> {
+        let RobotInPython { files, integrator, mujoco } = &self.robot;
+        let robot = self.factory.robot();
+        Body { robot, files, task, integrator, mujoco }
     }
 }
 
-fn stage(
-    out: &Path,
-    skills: &Skills,
-    sources: Sources,
-    controller: &ControllerConfig,
-    (config, factory): (&Config, &TableFactory),
-    files: RobotFiles,
-) -> Result<Staged> {
-    let twins = factory.backend(1, None, config.evaluation.compute())?;
-    skills.check(twins.as_ref())?;
-    let RobotFiles { toml, mjcf, integrator, mujoco } = files;
-    let body = Body { robot: factory.robot(), toml, mjcf, task: twins.task(), integrator, mujoco };
-    Contents { skills, controller, body, config, sources }.stage(out)
+fn classes(subject: &Subject, baselines: Option<&[f64]>) -> Vec<ClassHeader> {
+    let class = |(index, (name, code)): (usize, (&String, &Vec<u8>))| ClassHeader {
+        name: name.clone(),
+        code: code.clone(),
+        baseline: baselines.and_then(|baselines| baselines.get(index).copied()),
+    };
+    subject.class_names.iter().zip(&subject.codes).enumerate().map(class).collect()
 }
 
 fn describe(header: &Header, out: &Path) {
-    let diagnoser = &header.diagnoser;
+    let what = match &header.diagnoser {
+        Some(diagnoser) => format!("a window of {} steps", diagnoser.timesteps),
+        None => "a policy without a diagnoser".to_owned(),
+    };
     console::print_line(&format!(
-        "{}: {} damage classes, a window of {} steps, control period {} s",
+        "{}: {} damage classes, {what}, control period {} s",
         header.robot,
         header.classes.len(),
-        diagnoser.timesteps,
         header.control_period
     ));
     for (name, file) in &header.files {

@@ -4,7 +4,7 @@ mod adapt;
 pub mod args;
 mod caller;
 mod classes;
-mod console;
+pub mod console;
 mod diagnose;
 mod evaluate;
 mod export;

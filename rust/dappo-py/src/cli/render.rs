@@ -17,6 +17,7 @@ use crate::controller::Parts;
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::OpenRun;
 
 pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<i32> {
     film::check(py, &arguments.out)?;
@@ -40,7 +41,12 @@ fn film_walk(
     caller: &Caller,
     show: impl FnOnce(&Film<'_>) -> PyResult<()>,
 ) -> PyResult<i32> {
-    let (folder, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
+    let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
+    let parts = match &arguments.diagnoser {
+        Some(diagnoser) => Some(Parts::open(py, &run, arguments.expert.as_deref(), diagnoser)?),
+        None => None,
+    };
+    let OpenRun { folder, mut config, .. } = run;
     settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
     let pool = Pool::new(arguments.simulation.threads())?;
     config.env.max_episode_steps = Some(arguments.steps as usize);
@@ -53,7 +59,7 @@ fn film_walk(
         filmed: true,
     };
     let interrupted = caller.watch()?;
-    let walked = pool.run(py, || walk(arguments, &folder, &config, &factory, &trial, &interrupted))?;
+    let walked = pool.run(py, || walk(parts.as_ref(), (&folder, &config, &factory), &trial, &interrupted))?;
     let Some((walks, walker)) = walked else { return Ok(INTERRUPTED) };
     if let Some(walk) = walks.episodes.first() {
         show(&Film { walk, onset: trial.onset, walker, factory: &factory })?;
@@ -63,17 +69,14 @@ fn film_walk(
 
 /// Lets the controller walk if there is a diagnoser, and otherwise the policy; `None` when interrupted.
 fn walk(
-    arguments: &WalkArgs,
-    folder: &RunFolder,
-    config: &Config,
-    factory: &TableFactory,
+    parts: Option<&Parts>,
+    (folder, config, factory): (&RunFolder, &Config, &TableFactory),
     trial: &Trial,
     interrupted: &AtomicBool,
 ) -> Result<Option<(Walks, Walker)>> {
     let stop = || interrupted.load(Ordering::Relaxed);
     let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, config, factory, &stop);
-    if let Some(diagnoser) = &arguments.diagnoser {
-        let parts = Parts { expert: arguments.expert.as_deref(), diagnoser };
+    if let Some(parts) = parts {
         let mut controller = parts.assemble(folder, config, factory, ControllerConfig::default(), 1)?;
         let walker = Walker::Controller(controller.class_names().to_vec());
         return Ok(run(Pilot::Controller(&mut controller))?.map(|walks| (walks, walker)));

@@ -6,9 +6,11 @@ use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use dappo_learn::LearnerDevice;
+use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
+use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::train;
 use dappo_sim::SimError;
@@ -17,16 +19,17 @@ use pyo3::prelude::*;
 use super::args::TrainArgs;
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
-use super::{Caller, INTERRUPTED, console, settings};
+use super::{Caller, INTERRUPTED, console, policy, settings};
 use crate::errors::{from_learn, from_sim};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotCopy};
 use crate::warp;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
-        let (run, config) = reopen(folder, arguments)?;
-        (config, Some(run))
+        let (run, config, robot) = reopen(py, folder, arguments)?;
+        (config, Some((run, robot)))
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
@@ -40,7 +43,12 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     config.env.backend = factory.backend_kind();
     let resume = resumed.is_some();
     let run = match resumed {
-        Some(run) => run,
+        Some((run, robot)) => {
+            if let Some(robot) = robot {
+                keep_robot(&run, &config, &factory, &robot).map_err(|error| from_learn(&error))?;
+            }
+            run
+        }
         None => create(py, arguments, &config, &factory, argv, pool.num_threads())?,
     };
     if !arguments.json {
@@ -78,11 +86,18 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     Ok(0)
 }
 
-/// Opens a run to go on with; `--steps` may extend its budget, and another machine may have other threads and devices
-/// of networks.
-fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Config)> {
-    let (run, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
-    let run = run.lock().map_err(|error| from_learn(&error))?;
+/// Opens a run to go on with, and the robot that it is to keep if that is another one than it has.
+///
+/// `--steps` may extend its budget, and another machine may have other threads and devices of networks.
+fn reopen(
+    py: Python<'_>,
+    folder: &Path,
+    arguments: &TrainArgs,
+) -> PyResult<(LockedRun, Config, Option<RobotFiles>)> {
+    let OpenRun { folder, mut config, robot, is_kept, .. } =
+        OpenRun::open(py, folder, arguments.robot_changed)?;
+    let run = folder.lock().map_err(|error| from_learn(&error))?;
+    let robot = if is_kept { None } else { Some(robot.to_keep(py)?) };
     if let Some(steps) = arguments.config.steps {
         config.total_steps = steps as u64;
     }
@@ -92,7 +107,20 @@ fn reopen(folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Config)>
     if let Some(device) = &arguments.config.learner {
         config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
     }
-    Ok((run, config))
+    Ok((run, config, robot))
+}
+
+/// Keeps a copy of another robot, if the policy can control that.
+fn keep_robot(
+    run: &LockedRun,
+    config: &Config,
+    factory: &TableFactory,
+    robot: &RobotFiles,
+) -> dappo_learn::Result<()> {
+    if Checkpoint::any(&run.checkpoints())? {
+        policy::load(run, config, factory)?;
+    }
+    run.keep_robot(robot)
 }
 
 fn create(
@@ -122,7 +150,8 @@ fn create(
             .chain(argv.iter().map(|text| text.to_string_lossy().into()))
             .collect(),
     };
-    RunFolder::create(&root, config, &meta).map_err(|error| from_learn(&error))
+    let robot = RobotCopy::of(py, config)?.to_keep(py)?;
+    RunFolder::create(&root, config, &meta, &robot).map_err(|error| from_learn(&error))
 }
 
 /// Checks what only the robot can tell: the name of the reward and the damages of every stage.

@@ -72,6 +72,12 @@ impl Header {
         Preset { timing: self.timing, twin: self.twin }
     }
 
+    /// Whether a folder has a header.
+    #[must_use]
+    pub fn exists(folder: &Path) -> bool {
+        folder.join(FILE).exists()
+    }
+
     /// Reads the header of a folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);

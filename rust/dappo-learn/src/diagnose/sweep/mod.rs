@@ -15,6 +15,7 @@ use super::train::{EpochMetrics, EpochProgress, Observer, train};
 use super::{DiagnoserConfig, PairSource, Subject, TrainingFolder};
 use crate::error::{LearnError, Result};
 use crate::files::{io, own_folder, read_text, remove_folder, write_atomically};
+use crate::robot_files::{RobotFiles, keep};
 
 pub use grid::{Cell, Grid};
 pub use paper::{PaperResult, paper_result};
@@ -63,6 +64,8 @@ pub struct SweepData<'a> {
     pub pairs: &'a dyn PairSource,
     /// What is tested on: rollouts of another seed.
     pub test: &'a dyn PairSource,
+    /// The files of the robot, for the diagnosers to keep; records of earlier versions have none.
+    pub robot: Option<&'a RobotFiles>,
 }
 
 /// Trains and tests the cells that `folder` does not hold yet, `jobs` at a time with a thread each. `None` if it was
@@ -140,7 +143,9 @@ fn run_cell(
         check_same(&earlier, config, root)?;
         folder.lock()?
     } else {
-        TrainingFolder::create(root, config)?
+        let folder = TrainingFolder::create(root, config)?;
+        data.robot.map_or(Ok(()), |robot| keep(root, robot))?;
+        folder
     };
     let outcome = train(config, data.subject, data.pairs, &folder, resume, &mut Quiet { stop })?;
     let (false, Some((best, diagnoser))) = (outcome.interrupted, outcome.best) else { return Ok(None) };

@@ -53,8 +53,8 @@ pub(super) fn policy(header: &PolicyHeader, tensors: &Tensors) -> Result<Vec<u8>
 }
 
 /// A diagnoser: `window` `[N, T, F]`, raw → `probabilities` `[N, C]`.
-pub(super) fn diagnoser(header: &Header, tensors: &Tensors) -> Result<Vec<u8>> {
-    let DiagnoserHeader { timesteps, lstm, ref hidden, head, clip, .. } = header.diagnoser;
+pub(super) fn diagnoser(header: &Header, part: &DiagnoserHeader, tensors: &Tensors) -> Result<Vec<u8>> {
+    let DiagnoserHeader { timesteps, lstm, ref hidden, head, clip, .. } = *part;
     let (mean, scale) = statistics(tensors)?;
     let mut graph = Graph::new("diagnoser");
     graph.input("window", &[timesteps, mean.len()]);

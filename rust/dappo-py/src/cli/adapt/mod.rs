@@ -2,7 +2,6 @@
 
 mod show;
 
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_learn::adapt::{Contest, Pilot, Summary, Trial, Vocabulary, trace};
@@ -17,14 +16,19 @@ use serde_json::json;
 use super::args::AdaptArgs;
 use super::film::{self, Film, Walker};
 use super::{Caller, INTERRUPTED, policy, settings};
+use crate::controller::Parts;
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::OpenRun;
 
 /// A robot, and what its controller believes about it.
 struct Scene {
     folder: RunFolder,
     config: Config,
+    parts: Parts,
+    /// The run of `--unaware`.
+    unaware: Option<OpenRun>,
     /// Compiles the twins: what the controller knows.
     known: TableFactory,
     /// Compiles the robot: it may be damaged in ways that the controller does not know.
@@ -42,7 +46,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
     let scene = Scene::open(py, arguments)?;
     let trial = scene.trial(arguments).map_err(|error| from_learn(&error))?;
     let interrupted = caller.watch()?;
-    let walked = pool.run(py, || scene.walk(arguments, wanted, &trial, &interrupted))?;
+    let walked = pool.run(py, || scene.walk(wanted, &trial, &interrupted))?;
     let Some(contest) = walked else { return Ok(INTERRUPTED) };
     let summary = scene.conclude(arguments, &trial, &contest).map_err(|error| from_learn(&error))?;
     if arguments.json {
@@ -70,7 +74,11 @@ fn trial_json(trial: &Trial) -> serde_json::Value {
 
 impl Scene {
     fn open(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<Self> {
-        let (folder, mut config) = RunFolder::open(&arguments.run).map_err(|error| from_learn(&error))?;
+        let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
+        let parts = arguments.controller.parts(py, &run)?;
+        let unaware = arguments.unaware.as_deref();
+        let unaware = unaware.map(|unaware| run.open_beside(py, unaware, false)).transpose()?;
+        let OpenRun { folder, mut config, .. } = run;
         settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
         let known = TableFactory::compile(py, &config)?;
         let config = with_settings(config, &arguments.set).map_err(|error| from_learn(&error))?;
@@ -83,7 +91,7 @@ impl Scene {
             ))));
         }
         let vocabulary = Vocabulary::new(known.space(), real.space());
-        Ok(Self { folder, config, known, real, vocabulary })
+        Ok(Self { folder, config, parts, unaware, known, real, vocabulary })
     }
 
     fn trial(&self, arguments: &AdaptArgs) -> Result<Trial> {
@@ -104,15 +112,13 @@ impl Scene {
     /// Lets all pilots walk; `None` when interrupted.
     fn walk(
         &self,
-        arguments: &AdaptArgs,
         wanted: ControllerConfig,
         trial: &Trial,
         interrupted: &AtomicBool,
     ) -> Result<Option<Contest>> {
-        let parts = arguments.controller.parts();
         let robots = trial.classes.len() * trial.episodes;
-        let mut controller = parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
-        let unaware = arguments.unaware.as_deref().map(|run| self.load_unaware(run)).transpose()?;
+        let mut controller = self.parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
+        let unaware = self.unaware.as_ref().map(|run| self.load_unaware(run)).transpose()?;
         let stop = || interrupted.load(Ordering::Relaxed);
         let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, &self.config, &self.real, &stop);
         let Some(adapted) = run(Pilot::Controller(&mut controller))? else { return Ok(None) };
@@ -129,13 +135,12 @@ impl Scene {
         Ok(Some(Contest { adapted, oracle, unadapted, unaware }))
     }
 
-    fn load_unaware(&self, run: &Path) -> Result<Ppo> {
-        let (folder, config) = RunFolder::open(run)?;
-        let policy = policy::load(&folder, &config, &self.known)?.ppo;
+    fn load_unaware(&self, run: &OpenRun) -> Result<Ppo> {
+        let policy = policy::load(&run.folder, &run.config, &self.known)?.ppo;
         if policy.normalizer().code_length() > 0 {
             return Err(LearnError::Invalid(format!(
                 "the policy in {} observes the damage; --unaware takes one that was trained with --unaware",
-                run.display()
+                run.folder.root().display()
             )));
         }
         Ok(policy)

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{ControllerArgs, SimulationArgs, at_least};
+use super::{ControllerArgs, RobotArgs, SimulationArgs, at_least};
 
 /// Arguments of `adapt`.
 #[derive(Debug, Args)]
@@ -42,6 +42,9 @@ pub struct AdaptArgs {
     /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
     #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
     pub video: Option<PathBuf>,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,

@@ -1,11 +1,13 @@
 //! What a controller is made of, and how it is set.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use dappo_learn::controller::{ControllerConfig, Trigger};
+use pyo3::prelude::*;
 
 use crate::controller::{self, Parts};
+use crate::run_robot::OpenRun;
 
 /// The parts of a controller beside its policy, and its settings.
 #[derive(Debug, Args)]
@@ -13,25 +15,45 @@ pub struct ControllerArgs {
     /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
     #[arg(long, value_name = "DIR")]
     pub diagnoser: PathBuf,
+    /// How it is used.
+    #[command(flatten)]
+    pub settings: DiagnosisArgs,
+}
+
+/// How a diagnoser is used.
+#[derive(Debug, Args)]
+pub struct DiagnosisArgs {
     /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
     /// [default: RUN, as if nothing were damaged]
-    #[arg(long, value_name = "RUN")]
+    #[arg(long, value_name = "RUN", requires = "diagnoser")]
     pub expert: Option<PathBuf>,
     /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
-    #[arg(long, value_parser = Trigger::NAMES, default_value = Trigger::NAMES[0])]
+    #[arg(long, value_parser = Trigger::NAMES, default_value = Trigger::NAMES[0], requires = "diagnoser")]
     pub trigger: String,
     /// Other settings of the controller, for example cooldown=100
-    #[arg(long = "controller", value_name = "KEY=VALUE", num_args = 1..)]
+    #[arg(long = "controller", value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
     pub settings: Vec<String>,
 }
 
 impl ControllerArgs {
-    /// Where its parts lie.
-    pub fn parts(&self) -> Parts<'_> {
-        Parts { expert: self.expert.as_deref(), diagnoser: &self.diagnoser }
+    /// Its parts, beside the policy of a run.
+    pub fn parts(&self, py: Python<'_>, run: &OpenRun) -> PyResult<Parts> {
+        self.settings.parts(py, run, &self.diagnoser)
     }
 
     /// Its settings.
+    pub fn config(&self) -> dappo_learn::Result<ControllerConfig> {
+        self.settings.config()
+    }
+}
+
+impl DiagnosisArgs {
+    /// The parts of a controller with a diagnoser, beside the policy of a run.
+    pub fn parts(&self, py: Python<'_>, run: &OpenRun, diagnoser: &Path) -> PyResult<Parts> {
+        Parts::open(py, run, self.expert.as_deref(), diagnoser)
+    }
+
+    /// The settings of the controller.
     pub fn config(&self) -> dappo_learn::Result<ControllerConfig> {
         controller::settings(&self.trigger, &self.settings)
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use dappo_learn::diagnose::Preset;
 
-use super::{SimulationArgs, at_least};
+use super::{RobotArgs, SimulationArgs, at_least};
 
 const METHODS: [&str; 4] = ["A", "B", "C", "D"];
 
@@ -71,6 +71,9 @@ pub struct CollectArgs {
     /// Collect only piece i of n, for example 0/4; all pieces may go into one folder
     #[arg(long, value_name = "I/N", default_value = "0/1")]
     pub shard: String,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,
@@ -145,6 +148,9 @@ pub struct TestDiagnoserArgs {
     /// Episodes a pair of true and named class, for --policy [default: the run's]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), requires = "policy")]
     pub episodes: Option<i64>,
+    /// The robot, for --policy.
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// Worker threads [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
     pub threads: Option<i64>,
@@ -189,6 +195,9 @@ pub struct SweepArgs {
     /// Any other setting of the trainings, for example dropout=0.2
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
     pub set: Vec<String>,
+    /// The robot of an expert that exists.
+    #[command(flatten)]
+    pub changed: RobotArgs,
     /// Cells trained side by side, each on one thread, and worker threads of what comes before them
     /// [default: the number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]

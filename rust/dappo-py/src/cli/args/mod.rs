@@ -21,6 +21,8 @@ pub use diagnose::{
 pub use export::ExportArgs;
 pub use render::{RenderArgs, ViewArgs, WalkArgs};
 
+use crate::run_robot::RobotChanged;
+
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
 #[command(name = "dappo-batch", version, arg_required_else_help = true, max_term_width = 100)]
@@ -139,9 +141,20 @@ pub struct TrainArgs {
     /// Go on with an earlier run; --steps may extend it
     #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics", "set"])]
     pub resume: Option<PathBuf>,
+    /// Where the robot file has changed since the run began [default: stop, and say what differs]
+    #[arg(long, value_name = "WHICH", requires = "resume")]
+    pub robot_changed: Option<RobotChanged>,
     /// Print one JSON object an iteration instead of a progress bar
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which robot an earlier run means.
+#[derive(Debug, Args)]
+pub struct RobotArgs {
+    /// Where the robot file has changed since the training [default: stop, and say what differs]
+    #[arg(long, value_name = "WHICH")]
+    pub robot_changed: Option<RobotChanged>,
 }
 
 /// How to simulate the robot of an earlier run.
@@ -186,6 +199,9 @@ pub struct EvaluateArgs {
     /// Seed of the initial states [default: the run's]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seed: Option<u64>,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{SimulationArgs, at_least};
+use super::{RobotArgs, SimulationArgs, at_least};
 
 /// Arguments of `render`.
 #[derive(Debug, Args)]
@@ -41,6 +41,9 @@ pub struct WalkArgs {
     /// Run folder of the policy that walks during a diagnosis [default: RUN, as if nothing were damaged]
     #[arg(long, value_name = "RUN", requires = "diagnoser")]
     pub expert: Option<PathBuf>,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// The simulation.
     #[command(flatten)]
     pub simulation: SimulationArgs,

@@ -7,9 +7,10 @@ use std::time::Instant;
 
 use dappo_learn::config::Config;
 use dappo_learn::diagnose::collect::{CollectConfig, CollectObserver, Pilot, collect};
-use dappo_learn::diagnose::dataset::{PolicyId, Shard};
+use dappo_learn::diagnose::dataset::{Header, PolicyId, Shard};
 use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
 use dappo_learn::envs::EnvFactory;
+use dappo_learn::robot_files::keep_first;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{Actor, LearnError, Result};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,18 +23,23 @@ use crate::cli::{Caller, INTERRUPTED, console, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotCopy};
 
 pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
-    let (folder, mut config) = RunFolder::open(&arguments.expert).map_err(|error| from_learn(&error))?;
+    let run = OpenRun::open(py, &arguments.expert, arguments.robot.robot_changed)?;
+    let walker = arguments.walker.as_deref();
+    let walker = walker.map(|walker| run.open_beside(py, walker, false)).transpose()?;
+    let OpenRun { folder, mut config, robot, .. } = run;
     settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
     let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
     let (expert, walker) = pool.run(py, || -> Result<_> {
         let expert = pilot(&folder, &config, &factory)?;
-        let walker = arguments.walker.as_deref().map(|run| open_walker(run, &factory)).transpose()?;
+        let walker = walker.map(|run| pilot(&run.folder, &run.config, &factory)).transpose()?;
         Ok((expert, walker))
     })?;
+    keep_robot(py, &arguments.out, (folder.root(), &robot))?;
     if !arguments.json {
         console::note(&describe(arguments, &wanted, &factory));
     }
@@ -89,9 +95,16 @@ fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectCon
     })
 }
 
-fn open_walker(run: &Path, factory: &TableFactory) -> Result<Pilot> {
-    let (folder, config) = RunFolder::open(run)?;
-    pilot(&folder, &config, factory)
+/// Keeps a copy of the robot in a new dataset; fails if the records of an earlier one are of another robot.
+fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> PyResult<()> {
+    // The records of earlier versions are of a robot that nobody knows.
+    if !Header::exists(out) {
+        keep_first(out, &robot.to_keep(py)?).map_err(|error| from_learn(&error))?;
+    }
+    match RobotCopy::read(py, out)? {
+        Some(kept) => robot.check_same(py, run, (out, &kept), true),
+        None => Ok(()),
+    }
 }
 
 fn pilot(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<Pilot> {

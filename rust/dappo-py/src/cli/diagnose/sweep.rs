@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use clap::ValueEnum;
 use dappo_learn::Result;
 use dappo_learn::config::Layers;
 use dappo_learn::diagnose::Method;
@@ -18,6 +19,7 @@ use super::settings;
 use crate::cli::args::{Command, DiagnoseCommand, SweepArgs};
 use crate::cli::{self, Caller, INTERRUPTED, console, train};
 use crate::errors::{Kind, from_learn, raise};
+use crate::run_robot::RobotCopy;
 
 /// Seed of the test rollouts; training rollouts have seed 0.
 const TEST_SEED: &str = "1000000";
@@ -44,17 +46,25 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     };
     commands.push(collect(most(&grid.rollouts), "0", &pairs));
     commands.push(collect(arguments.test_rollouts.to_string(), TEST_SEED, &test));
-    for command in commands {
+    let changed = arguments.changed.robot_changed.and_then(|changed| changed.to_possible_value());
+    for mut command in commands {
+        // A new training has no robot that could have changed.
+        if let Some(changed) = &changed
+            && !command.iter().any(|argument| argument == "--run")
+        {
+            command.extend(["--robot-changed".into(), changed.get_name().into()]);
+        }
         let code = give(py, &command, caller)?;
         if code != 0 {
             return Ok(code);
         }
     }
     let open = |folder: &Path| Dataset::open(folder).map_err(|error| from_learn(&error));
+    let robot = RobotCopy::read(py, &pairs)?.map(|copy| copy.to_keep(py)).transpose()?;
     let (pairs, test) = (open(&pairs)?, open(&test)?);
     let subject = &pairs.header().subject;
     let watcher = Watcher { interrupted: caller.watch()? };
-    let data = SweepData { subject, pairs: &pairs, test: &test };
+    let data = SweepData { subject, pairs: &pairs, test: &test, robot: robot.as_ref() };
     let results = py.detach(|| -> Result<Option<Table>> {
         let cells = arguments.out.join("cells");
         let Some(results) = sweep(&grid, &base, data, &cells, jobs as usize, &watcher)? else {

@@ -7,16 +7,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use dappo_learn::diagnose::cost::{Cost, cost};
 use dappo_learn::diagnose::dataset::Dataset;
 use dappo_learn::diagnose::{Diagnoser, PairSource, Report, Summary, TrainingFolder};
-use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{LearnError, Ppo, Result};
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::TestDiagnoserArgs;
 use crate::cli::{Caller, INTERRUPTED, console, policy};
-use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotCopy};
 
 /// A diagnoser on a dataset.
 struct Tested {
@@ -31,6 +30,7 @@ pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> Py
     let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
     let follower =
         arguments.policy.as_deref().map(|run| Follower::open(py, &pool, run, arguments)).transpose()?;
+    check_robots(py, arguments)?;
     let interrupted = caller.watch()?;
     let tested = pool.run(py, || test_all(arguments, follower.as_ref(), &interrupted))?;
     let Some(tested) = tested else { return Ok(INTERRUPTED) };
@@ -53,6 +53,19 @@ pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> Py
         show_cross_table(&tested, arguments.data.len());
     }
     Ok(0)
+}
+
+/// Fails unless all diagnosers and records are of one robot; how it is damaged may differ.
+fn check_robots(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<()> {
+    let mut first: Option<(&Path, RobotCopy)> = None;
+    for folder in arguments.models.iter().chain(&arguments.data) {
+        let Some(copy) = RobotCopy::read(py, folder)? else { continue };
+        match &first {
+            Some((root, robot)) => robot.check_same(py, root, (folder, &copy), false)?,
+            None => first = Some((folder, copy)),
+        }
+    }
+    Ok(())
 }
 
 /// Every diagnoser on every dataset; `None` when it was interrupted.
@@ -124,7 +137,11 @@ struct Follower {
 
 impl Follower {
     fn open(py: Python<'_>, pool: &Pool, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
-        let (folder, mut config) = RunFolder::open(run).map_err(|error| from_learn(&error))?;
+        let run = OpenRun::open(py, run, arguments.robot.robot_changed)?;
+        for model in &arguments.models {
+            run.check_folder(py, model)?;
+        }
+        let OpenRun { folder, mut config, .. } = run;
         config.env.threads = Some(pool.num_threads());
         config.evaluation.episodes =
             arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);

@@ -7,6 +7,7 @@ use dappo_learn::config::Layers;
 use dappo_learn::diagnose::dataset::Dataset;
 use dappo_learn::diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
 use dappo_learn::diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, Subject, TrainingFolder};
+use dappo_learn::robot_files::keep;
 use dappo_learn::{LearnError, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use pyo3::prelude::*;
@@ -16,12 +17,22 @@ use crate::cli::args::TrainDiagnoserArgs;
 use crate::cli::{Caller, INTERRUPTED, console};
 use crate::errors::from_learn;
 use crate::pool::Pool;
+use crate::run_robot::RobotCopy;
 
 pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
     let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
     let data = Dataset::open(&arguments.data).map_err(|error| from_learn(&error))?;
     let subject = &data.header().subject;
+    let robot = RobotCopy::read(py, &arguments.data)?;
+    if let (Some(robot), Some(folder)) = (&robot, &arguments.resume)
+        && let Some(kept) = RobotCopy::read(py, folder)?
+    {
+        robot.check_same(py, &arguments.data, (folder, &kept), true)?;
+    }
     let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
+    if let (Some(robot), None) = (&robot, &arguments.resume) {
+        keep(folder.root(), &robot.to_keep(py)?).map_err(|error| from_learn(&error))?;
+    }
     if !arguments.json {
         console::note(&describe(&config, &data, &folder));
     }

@@ -15,6 +15,7 @@ use crate::cli::settings;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
+use crate::run_robot::{OpenRun, RobotCopy};
 
 /// A run with everything that its evaluation needs.
 pub struct LoadedRun {
@@ -24,6 +25,8 @@ pub struct LoadedRun {
     pub ppo: Ppo,
     /// Env steps that the policy was trained for.
     pub env_steps: u64,
+    /// The files of its robot.
+    robot: RobotCopy,
     /// What the evaluation simulates, by name; all runs of a command must agree.
     conditions: Vec<(&'static str, String)>,
 }
@@ -68,7 +71,8 @@ impl LoadedRun {
         encoding: Encoding,
         reference: Option<&Self>,
     ) -> PyResult<Self> {
-        let (folder, mut config) = RunFolder::open(folder).map_err(|error| from_learn(&error))?;
+        let OpenRun { folder, mut config, robot, .. } =
+            OpenRun::open(py, folder, arguments.robot.robot_changed)?;
         match reference {
             None => apply(arguments, &mut config).map_err(|error| from_learn(&error))?,
             Some(reference) => {
@@ -81,10 +85,12 @@ impl LoadedRun {
         let conditions = conditions(&config, &factory)?;
         if let Some(reference) = reference {
             check_conditions(reference, folder.root(), &conditions)?;
+            let other = (folder.root(), &robot);
+            reference.robot.check_same(py, reference.folder.root(), other, true)?;
         }
         let LoadedPolicy { ppo, env_steps, .. } =
             pool.run(py, || load_policy(&folder, &config, encoding, &factory))?;
-        Ok(Self { folder, config, factory, ppo, env_steps, conditions })
+        Ok(Self { folder, config, factory, ppo, env_steps, robot, conditions })
     }
 
     /// Its run folder, as the user wrote it.

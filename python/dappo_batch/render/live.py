@@ -1,0 +1,139 @@
+"""Pictures of environments that run, one at a time, drawn by a process that stays."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import tempfile
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import IO
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch.render import opengl
+
+__all__ = ["Live", "LivePainter", "Pose"]
+
+
+@dataclass(frozen=True, eq=False)
+class Live:
+    """What a painter is told at the beginning: a model of the robot, the camera, and the size of pictures."""
+
+    model: mujoco.MjModel
+    camera: str | int
+    height: int
+    width: int
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """What a painter is told for every picture: positions [nq], and the model where that is another one."""
+
+    model: mujoco.MjModel | None
+    qpos: NDArray[np.float64]
+
+
+class LivePainter:
+    """Draws robots of one class table with the first OpenGL that works here, as films do.
+
+    Parameters
+    ----------
+    models : sequence of mujoco.MjModel
+        The models of the class table.
+    camera : str or int
+        Name or number of a camera; -1 is the free one.
+    height, width : int
+        Size of a picture.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel], camera: str | int, height: int, width: int) -> None:
+        self._models = models
+        self._live = Live(models[0], camera, height, width)
+        self._painter: subprocess.Popen[bytes] | None = None
+        self._complaints: IO[bytes] | None = None
+        self._choice, self._shown = "", 0
+        self._end: weakref.finalize[..., LivePainter] | None = None
+
+    def draw(self, damage_class: int, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Draw a robot of a damage class, uint8[height, width, 3].
+
+        Raises
+        ------
+        RenderError
+            If no OpenGL works here, or the one that did gives up.
+        """
+        if self._painter is not None:
+            picture = self._ask(damage_class, qpos)
+            if picture is None:
+                raise opengl.gave_up(self._choice, f"in between: {self._why()}")
+            return picture
+        reasons = {}
+        for choice in opengl.choices():
+            self._start(choice)
+            picture = self._ask(damage_class, qpos)
+            if picture is not None:
+                return picture
+            reasons[choice or "OpenGL"] = self._why()
+        raise opengl.none_works(reasons)
+
+    def close(self) -> None:
+        """End the process."""
+        if self._end is not None:
+            self._end()
+        self._painter = None
+
+    def _start(self, choice: str) -> None:
+        complaints = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process runs
+        painter = opengl.start(choice, complaints)
+        self._painter, self._complaints, self._choice, self._shown = painter, complaints, choice, 0
+        self._end = weakref.finalize(self, _stop, painter, complaints)
+        _send(painter, self._live)
+
+    def _ask(self, damage_class: int, qpos: NDArray[np.float64]) -> NDArray[np.uint8] | None:
+        """Return a picture, None if the process has ended."""
+        assert self._painter is not None
+        assert self._painter.stdout is not None
+        model = None if damage_class == self._shown else self._models[damage_class]
+        if not _send(self._painter, Pose(model, np.array(qpos))):
+            return None
+        self._shown = damage_class
+        height, width = self._live.height, self._live.width
+        content = self._painter.stdout.read(height * width * 3)
+        if len(content) < height * width * 3:
+            return None
+        return np.frombuffer(content, np.uint8).reshape(height, width, 3).copy()
+
+    def _why(self) -> str:
+        """Return why the process has ended, and forget it."""
+        assert self._painter is not None
+        assert self._complaints is not None
+        self._painter.wait()
+        reason = opengl.last_line(self._complaints) or f"exit code {self._painter.returncode}"
+        self.close()
+        return reason
+
+
+def _send(painter: subprocess.Popen[bytes], message: Live | Pose) -> bool:
+    assert painter.stdin is not None
+    try:
+        pickle.dump(message, painter.stdin)
+        painter.stdin.flush()
+    except BrokenPipeError:
+        return False
+    return True
+
+
+def _stop(painter: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
+    painter.kill()
+    painter.wait()
+    for pipe in (painter.stdin, painter.stdout):
+        if pipe is not None:
+            try:
+                pipe.close()
+            except BrokenPipeError:
+                continue
+    complaints.close()

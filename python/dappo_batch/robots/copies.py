@@ -1,0 +1,359 @@
+"""Copies of a robot: all its files in one folder, and what sets two versions of a robot apart.
+
+A run keeps such a copy of the robot that it was trained on, and so do datasets and diagnosers: a damage code
+means nothing without the robot whose damage it is. Exports keep one to be of use anywhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import errno
+import hashlib
+import json
+import os
+import re
+import stat
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+
+from dappo_batch._core import CheckpointError, ConfigError
+from dappo_batch.damage import make_damage_type
+from dappo_batch.robots import Robot, load_robot
+from dappo_batch.robots.flatten import flatten, lines, needed_files
+
+__all__ = ["COPY_TOML", "RobotCopy", "check_confined", "damage_settings", "explain"]
+
+COPY_TOML = "robot.toml"
+"""Name of the robot TOML in a copy."""
+
+_FORMAT = "dappo-batch robot 1"
+_MJCF, _HEADER = "robot.xml", "robot.json"
+_HEADER_BYTES = 1 << 20
+_SHOWN = 8  # differences, or lines of one, that a message lists
+_WIDTH = 160  # characters of a value or a line in a message
+_MJCF_ENTRY = re.compile(r"""^[ \t]*(mjcf|"mjcf"|'mjcf')[ \t]*=.*$""", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class RobotCopy:
+    """The files of a robot, and what its damage codes mean.
+
+    Attributes
+    ----------
+    origin : str
+        Name of the robot, or path of its TOML, that was copied.
+    files : dict
+        Contents by name: ``robot.toml``, ``robot.xml`` (the MJCF without includes) and what they need.
+    damage : dict
+        Damage types in the order of the code, ``max_damaged_limbs``, ``severity``, and the parameters of each
+        type.
+    sources : dict
+        MJCF files that were read, by their name beside the first: SHA-256 of what they say.
+    assets : dict
+        Names that meshes and textures had, by the names that they have.
+    """
+
+    origin: str
+    files: Mapping[str, bytes]
+    damage: Mapping[str, Any]
+    sources: Mapping[str, str]
+    assets: Mapping[str, str]
+
+    @classmethod
+    def of(cls, robot: str | Path, damage: Mapping[str, Any]) -> RobotCopy:
+        """Copy a robot.
+
+        Parameters
+        ----------
+        robot : str or pathlib.Path
+            Name of a robot, or path of a robot TOML.
+        damage : mapping
+            The section ``[damage]`` of the configuration.
+
+        Raises
+        ------
+        ConfigError
+            If a file is missing or cannot be copied.
+        """
+        loaded = load_robot(robot)
+        flattened = flatten(loaded.mjcf_path)
+        files = {COPY_TOML: _with_mjcf(loaded).encode(), _MJCF: flattened.text.encode()}
+        files |= {name: text.encode() for name, text in flattened.documents.items()}
+        files |= {name: _read(path) for name, path in flattened.assets.items()}
+        names = {name: path.name for name, path in flattened.assets.items()}
+        return cls(str(robot), files, damage_settings(loaded, damage), flattened.sources, names)
+
+    @classmethod
+    def read(cls, folder: Path) -> RobotCopy | None:
+        """Read the copy in a folder, and check it; None if the folder does not exist.
+
+        Raises
+        ------
+        CheckpointError
+            If a file is missing or has changed.
+        """
+        if not os.path.lexists(folder):
+            return None
+        if folder.is_symlink():
+            raise _broken(folder, "it is a symbolic link, expected a folder")
+        try:
+            header = json.loads(_read_regular(folder / _HEADER, _HEADER_BYTES))
+            if header["format"] != _FORMAT:
+                raise _broken(folder / _HEADER, f"its format is {header['format']!r}, expected {_FORMAT!r}")
+            files = {name: _checked(folder, name, known) for name, known in header["files"].items()}
+            check_confined(folder, files)
+            return cls(header["origin"], files, header["damage"], header["sources"], header["assets"])
+        except OSError as error:
+            path = Path(error.filename or folder)
+            raise _broken(path, f"it cannot be read ({error.strerror or error})") from error
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise _broken(folder / _HEADER, f"it is truncated or foreign ({error})") from error
+
+    def to_write(self) -> dict[str, bytes]:
+        """Return the files of a folder that `read` reads, by name; the last one makes it complete."""
+        header = {
+            "format": _FORMAT,
+            "origin": self.origin,
+            "damage": self.damage,
+            "sources": self.sources,
+            "assets": self.assets,
+            "files": {
+                name: {"bytes": len(content), "sha256": _sha256(content)}
+                for name, content in self.files.items()
+            },
+        }
+        return {**self.files, _HEADER: (json.dumps(header, indent=2) + "\n").encode()}
+
+    def check(self) -> None:
+        """Check that MuJoCo makes the same of the copy as of the original.
+
+        Raises
+        ------
+        ConfigError
+            If it does not: the MJCF needs something that cannot be copied.
+        """
+        original = load_robot(self.origin).mjcf_path
+        with tempfile.TemporaryDirectory() as folder:
+            for name, content in self.files.items():
+                Path(folder, name).write_bytes(content)
+            models = []
+            for path in (original, Path(folder, _MJCF)):
+                try:
+                    models.append(mujoco.MjSpec.from_file(str(path)).compile())
+                except ValueError as error:
+                    raise ConfigError(f"the robot {self.origin} cannot be copied: {error}") from error
+        if array := _first_difference(*models):
+            raise ConfigError(
+                f"the robot {self.origin} cannot be copied: {array} of the copy differs;"
+                f" write {original} without what MuJoCo alone can find"
+            )
+
+    def differences(self, other: RobotCopy, *, ignoring: tuple[str, ...] = ()) -> list[str]:
+        """Say in words what sets another version of the robot apart from this one.
+
+        Parameters
+        ----------
+        other : RobotCopy
+            The other version.
+        ignoring : tuple of str
+            Entries of the robot TOML that do not count; ``damage`` is what the damage code means.
+
+        Returns
+        -------
+        list of str
+            One entry each; none if both are the same robot.
+        """
+        said = []
+        ignored = {"mjcf", "damage", *ignoring}
+        one, two = ({k: v for k, v in copy.spec.items() if k not in ignored} for copy in (self, other))
+        said += [f"{_name(self.origin)}: {change}" for change in _changes(one, two)]
+        if "damage" not in ignoring:
+            said += self.damage_changes(other.damage)
+        said += self._mjcf_differences(other)
+        for name in sorted(self.assets.keys() & other.assets.keys()):
+            digests = [_sha256(copy.files[name]) for copy in (self, other)]
+            if digests[0] != digests[1]:
+                said.append(f"{other.assets[name]}: SHA-256 {digests[0][:12]}… → {digests[1][:12]}…")
+        return said
+
+    def damage_changes(self, settings: Mapping[str, Any]) -> list[str]:
+        """Say what sets other settings of the damage apart; see `damage_settings`."""
+        return [f"{_name(self.origin)}: {change}" for change in _changes(self.damage, settings, "damage")]
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The parsed robot TOML."""
+        return tomllib.loads(self.files[COPY_TOML].decode())
+
+    def _mjcf_differences(self, other: RobotCopy) -> list[str]:
+        """Return the elements that differ, under the names of the files that do."""
+        said = []
+        documents = [
+            {name: lines(text.decode()) for name, text in copy.files.items() if name.endswith(".xml")}
+            for copy in (self, other)
+        ]
+        for name in sorted(documents[0].keys() | documents[1].keys()):
+            one, two = (found.get(name, []) for found in documents)
+            if one != two:
+                changed = difflib.unified_diff(one, two, n=0, lineterm="")
+                said += [_cut(line) for line in changed if not line.startswith(("---", "+++", "@@"))]
+        if not said:
+            return []
+        names = self.sources.keys() | other.sources.keys()
+        changed_files = sorted(name for name in names if self.sources.get(name) != other.sources.get(name))
+        return [", ".join(changed_files or sorted(names)) + ":\n" + _shortened(said, "    ")]
+
+
+def explain(differences: list[str]) -> str:
+    """Return differences as lines of a message."""
+    return _shortened(differences, "  ")
+
+
+def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
+    """Return everything that gives the damage codes of a robot their meaning.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    section : mapping
+        The section ``[damage]`` of a configuration; what it leaves out is the robot's.
+    """
+    types = list(section.get("types") or robot.damage_types)
+    options = section.get("options", {})
+    limit = section.get("max_damaged_limbs")
+    settings: dict[str, Any] = {
+        "types": types,
+        "max_damaged_limbs": robot.max_damaged_limbs if limit is None else limit,
+        "severity": float(section.get("severity", 1.0)),
+    }
+    for name in types:
+        kind = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
+        # mypy cannot know that each concrete type is a dataclass.
+        settings[name] = dataclasses.asdict(cast("Any", kind))
+    return settings
+
+
+def _with_mjcf(robot: Robot) -> str:
+    """Return the robot TOML as it is written, but with the MJCF of the copy."""
+    text = _MJCF_ENTRY.sub(f'mjcf = "{_MJCF}"', robot.toml_text, count=1)
+    if tomllib.loads(text) != {**robot.spec, "mjcf": _MJCF}:
+        raise ConfigError(
+            f"{robot.path}: the entry mjcf cannot be found; write it on a line of its own, as in"
+            f' `mjcf = "{robot.spec["mjcf"]}"`'
+        )
+    return text
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Check that a copy, which may come from somebody else, has MuJoCo read nothing but its own files.
+
+    Raises
+    ------
+    CheckpointError
+        If it names another file.
+    """
+    needed = {}
+    try:
+        needed[COPY_TOML] = {str(tomllib.loads(files[COPY_TOML].decode()).get("mjcf"))}
+        for name, content in files.items():
+            if name.endswith(".xml"):
+                needed[name] = needed_files(content.decode())
+    except (ValueError, KeyError) as error:
+        raise _broken(folder, f"it is broken or foreign ({error})") from error
+    for name, wanted in needed.items():
+        if foreign := sorted(wanted - files.keys()):
+            raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
+
+
+def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:
+    if Path(name).name != name:
+        raise _broken(folder / _HEADER, f"it lists {name!r}, expected the name of a file beside it")
+    content = _read_regular(folder / name, known["bytes"])
+    if _sha256(content) != known["sha256"]:
+        raise _broken(folder / name, "it has changed since it was written")
+    return content
+
+
+def _read_regular(path: Path, limit: int) -> bytes:
+    """Read a file that may come from somebody else: no link, no pipe, and no longer than expected."""
+    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        content = file.read(limit + 1)
+    if len(content) > limit:
+        raise _broken(path, f"it has more than {limit} bytes")
+    return content
+
+
+def _broken(path: Path, why: str) -> CheckpointError:
+    return CheckpointError(f"copy of a robot {path}: {why}")
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _name(origin: str) -> str:
+    return Path(origin).name if origin.endswith(".toml") else f"{origin}.toml"
+
+
+def _changes(one: Mapping[str, Any], two: Mapping[str, Any], where: str = "") -> Iterator[str]:
+    """Compare tables entry by entry; limbs and the like one by one where there are equally many."""
+    for key in [*one, *(key for key in two if key not in one)]:
+        path = f"{where}.{key}" if where else key
+        yield from _change(one.get(key), two.get(key), path)
+
+
+def _change(one: Any, two: Any, path: str) -> Iterator[str]:  # noqa: ANN401 - TOML is untyped
+    if isinstance(one, Mapping) and isinstance(two, Mapping):
+        yield from _changes(one, two, path)
+    elif _are_tables(one) and _are_tables(two) and len(one) == len(two):
+        for index, (first, second) in enumerate(zip(one, two, strict=True)):
+            yield from _change(first, second, f"{path}[{index}]")
+    elif one != two:
+        yield f"{path}: {_value(one)} → {_value(two)}"
+
+
+def _are_tables(value: Any) -> bool:  # noqa: ANN401 - TOML is untyped
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
+
+
+def _value(value: object) -> str:
+    return "nothing" if value is None else _cut(json.dumps(value, ensure_ascii=False, default=str))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _WIDTH else f"{text[:_WIDTH]}…"
+
+
+def _shortened(entries: list[str], indent: str) -> str:
+    shown = [f"{indent}{entry}" for entry in entries[:_SHOWN]]
+    if len(entries) > _SHOWN:
+        shown.append(f"{indent}and {len(entries) - _SHOWN} more")
+    return "\n".join(shown)
+
+
+def _first_difference(one: mujoco.MjModel, other: mujoco.MjModel) -> str | None:
+    """Return the name of an array that differs between two models; where files lie does not count."""
+    for name in dir(one):
+        value = getattr(one, name)
+        counts = isinstance(value, np.ndarray) and "path" not in name and not name.startswith("_")
+        if counts and not np.array_equal(value, getattr(other, name)):
+            return name
+    return None

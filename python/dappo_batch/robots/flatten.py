@@ -1,0 +1,201 @@
+"""An MJCF with everything that it includes as one text, and the files that it needs.
+
+Nothing goes through MuJoCo's writer, which rounds numbers: attributes stay as they are written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from os.path import relpath
+from pathlib import Path
+
+from dappo_batch._core import ConfigError
+
+__all__ = ["Flattened", "flatten", "lines", "needed_files"]
+
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_FILES = re.compile(r"file|file(right|left|up|down|front|back)")
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir", "strippath")
+_NAMED_AFTER_FILE = ("mesh", "hfield", "texture", "skin")
+
+
+@dataclass
+class Flattened:
+    """An MJCF without includes, whose other files lie beside it.
+
+    Attributes
+    ----------
+    text : str
+        The MJCF.
+    documents : dict
+        Texts of the models that it attaches, by file name.
+    assets : dict
+        Meshes, textures and height fields by file name.
+    sources : dict
+        Every MJCF file that was read, by its place beside the first one: SHA-256 of what it says.
+    """
+
+    text: str = ""
+    documents: dict[str, str] = field(default_factory=dict)
+    assets: dict[str, Path] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
+
+
+def flatten(path: Path) -> Flattened:
+    """Read an MJCF and everything that it includes.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The MJCF file.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing, or is no XML.
+    """
+    flattened = Flattened()
+    flattened.text = _Document(path, flattened, path.parent).text()
+    return flattened
+
+
+def needed_files(text: str) -> set[str]:
+    """Return all files that an MJCF names; a flattened one names those beside it alone.
+
+    Raises
+    ------
+    ValueError
+        If it is no XML.
+    """
+    found = set()
+    try:
+        model = ET.fromstring(_COMMENT.sub("", text))
+    except ET.ParseError as error:
+        raise ValueError(f"not valid XML: {error}") from error
+    for element in model.iter():
+        if element.tag == "include":
+            found.add(element.get("file", ""))
+        for name, value in element.items():
+            if _FILES.fullmatch(name) or name in _DIRECTORIES:
+                found.add(value)
+    return found
+
+
+def lines(text: str) -> list[str]:
+    """Return what an MJCF says, an element a line: neither its layout nor the order of attributes matters."""
+    return list(_lines(ET.fromstring(text)))
+
+
+def _lines(element: ET.Element, indent: str = "") -> Iterator[str]:
+    said = "".join(f' {name}="{" ".join(value.split())}"' for name, value in sorted(element.items()))
+    yield f"{indent}<{element.tag}{said}>"
+    for child in element:
+        yield from _lines(child, f"{indent}  ")
+
+
+class _Document:
+    """A model in one file and those that it includes."""
+
+    def __init__(self, path: Path, into: Flattened, root: Path) -> None:
+        self._path, self._into, self._root = path, into, root
+        # Elements with the folder of the file that they stand in.
+        self._elements: list[tuple[ET.Element, Path]] = []
+        self._model = self._read(path)
+        if self._model.tag != "mujoco":
+            raise ConfigError(f"{path} is no MJCF: it begins with <{self._model.tag}>, expected <mujoco>")
+        self._include(self._model, path)
+        self._directories = self._take_directories()
+
+    def text(self) -> str:
+        """Return the MJCF; its files lie beside it."""
+        for element, origin in self._elements:
+            for name, value in list(element.items()):
+                if _FILES.fullmatch(name):
+                    element.set(name, self._place(element, value, origin))
+        ET.indent(self._model)
+        return ET.tostring(self._model, encoding="unicode") + "\n"
+
+    def _read(self, path: Path) -> ET.Element:
+        try:
+            # MuJoCo allows more in comments than XML does.
+            element = ET.fromstring(_COMMENT.sub("", path.read_text(encoding="utf-8-sig")))
+        except OSError as error:
+            raise ConfigError(f"{path} cannot be read: {error.strerror or error}") from error
+        except (ET.ParseError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is not valid XML: {error}") from error
+        said = "\n".join(_lines(element))
+        self._into.sources[relpath(path, self._root)] = hashlib.sha256(said.encode()).hexdigest()
+        return element
+
+    def _include(self, parent: ET.Element, origin: Path) -> None:
+        """Put the elements of included files in the place of the includes."""
+        self._elements.append((parent, origin.parent))
+        children: list[ET.Element] = []
+        for child in parent:
+            if child.tag == "include":
+                path = self._find(child.get("file", ""), "", origin.parent, "include")
+                included = self._read(path)
+                self._include(included, path)
+                children += included
+            else:
+                self._include(child, origin)
+                children.append(child)
+        parent[:] = children
+
+    def _take_directories(self) -> dict[str, str]:
+        """Take the folders of meshes and textures out of the compiler's settings; the last ones hold."""
+        found: dict[str, str] = {}
+        for compiler in self._model.iter("compiler"):
+            settings = {name: compiler.attrib.pop(name) for name in _DIRECTORIES if name in compiler.attrib}
+            if "assetdir" in settings:
+                found |= dict.fromkeys(("meshdir", "texturedir"), settings["assetdir"])
+            found |= settings
+        return found
+
+    def _place(self, element: ET.Element, value: str, origin: Path) -> str:
+        """Return the name that a file gets."""
+        if element.tag == "model":
+            return self._attached(element, self._find(value, "", origin, "model"))
+        if element.tag in _NAMED_AFTER_FILE and "file" in element.attrib:
+            element.attrib.setdefault("name", Path(value).stem)
+        if self._directories.get("strippath") == "true":
+            value = Path(value).name
+        directory = self._directories.get("texturedir" if element.tag == "texture" else "meshdir", "")
+        path = self._find(value, directory, origin, element.tag)
+        return self._name(path, self._into.assets)
+
+    def _attached(self, element: ET.Element, path: Path) -> str:
+        document = _Document(path, self._into, self._root)
+        name = self._name(path, {})
+        self._into.documents[name] = document.text()
+        if "name" not in element.attrib and (model := document.name):
+            element.set("name", model)
+        return name
+
+    @property
+    def name(self) -> str | None:
+        """Name of the model."""
+        return self._model.get("model")
+
+    def _name(self, path: Path, known: dict[str, Path]) -> str:
+        """Return a name of its own for a file, the same whenever it is asked for."""
+        plain = re.sub(r"[^A-Za-z0-9._-]", "_", path.name)
+        number = 0
+        while True:
+            name = f"robot-{number}-{plain}" if number else f"robot-{plain}"
+            if name not in self._into.documents and known.setdefault(name, path) == path:
+                return name
+            number += 1
+
+    def _find(self, value: str, directory: str, origin: Path, tag: str) -> Path:
+        """Return a file, from the model's folder for such files or beside the file that asks for it."""
+        places = [(self._path.parent / directory / value).resolve(), (origin / value).resolve()]
+        for place in places:
+            if place.is_file():
+                return place
+        looked = " and ".join(map(str, dict.fromkeys(places)))
+        raise ConfigError(f"{self._path}: the file {value!r} of a <{tag}> is missing: looked for {looked}")

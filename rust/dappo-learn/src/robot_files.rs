@@ -1,0 +1,83 @@
+//! The copy of its robot that a run, a dataset or a diagnoser keeps in the folder `robot/`.
+//!
+//! A damage code means nothing without the robot whose damage it is, and robot files can change after a training.
+
+use std::fs;
+use std::path::Path;
+
+use crate::error::Result;
+use crate::files::{TemporaryFolder, io, remove_folder, rename, stem_of, sweep, sync_folder, write_new};
+
+/// Name of the folder.
+const FOLDER: &str = "robot";
+
+/// Names and contents of the files of a robot.
+pub type RobotFiles = Vec<(String, Vec<u8>)>;
+
+/// Puts the files of a robot into the folder of a run or a diagnoser, in place of those that are there.
+pub fn keep(root: &Path, files: &RobotFiles) -> Result<()> {
+    let folder = root.join(FOLDER);
+    let written = write(root, files)?;
+    remove_folder(&folder)?;
+    rename(written.path(), &folder)?;
+    sync_folder(root)
+}
+
+/// Puts the files of a robot into the folder of a dataset, unless some are there: its pieces may begin together.
+pub fn keep_first(root: &Path, files: &RobotFiles) -> Result<()> {
+    let folder = root.join(FOLDER);
+    if folder.exists() {
+        return Ok(());
+    }
+    let written = write(root, files)?;
+    // Another process may have been faster; a folder that holds something is never replaced.
+    match rename(written.path(), &folder) {
+        Err(_) if folder.exists() => Ok(()),
+        renamed => renamed,
+    }
+}
+
+/// Writes the files into a folder that has not its name yet.
+fn write(root: &Path, files: &RobotFiles) -> Result<TemporaryFolder> {
+    fs::create_dir_all(root).map_err(io(root))?;
+    let folder = root.join(FOLDER);
+    sweep(root, |stem| stem == stem_of(&folder));
+    let written = TemporaryFolder::create(&folder)?;
+    for (name, bytes) in files {
+        write_new(&written.path().join(name), bytes)?;
+    }
+    sync_folder(written.path())?;
+    Ok(written)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn contents(root: &Path) -> Vec<(String, String)> {
+        let mut found: Vec<_> = fs::read_dir(root.join(FOLDER))
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .map(|path| {
+                (path.file_name().unwrap().to_string_lossy().into(), fs::read_to_string(&path).unwrap())
+            })
+            .collect();
+        found.sort();
+        found
+    }
+
+    #[test]
+    fn a_copy_replaces_another_or_gives_way_to_it_and_leaves_nothing_else() {
+        let root = std::env::temp_dir().join(format!("dappo-robot-files-{}", std::process::id()));
+        let files =
+            |names: &[&str]| names.iter().map(|name| ((*name).into(), name.as_bytes().into())).collect();
+        let expected = |name: &str| vec![(name.to_owned(), name.to_owned())];
+        keep_first(&root, &files(&["one"])).unwrap();
+        keep_first(&root, &files(&["two", "three"])).unwrap();
+        assert_eq!(contents(&root), expected("one"));
+        keep(&root, &files(&["two"])).unwrap();
+        assert_eq!(contents(&root), expected("two"));
+        assert_eq!(fs::read_dir(&root).unwrap().count(), 1);
+        fs::remove_dir_all(root).unwrap();
+    }
+}

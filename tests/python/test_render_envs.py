@@ -1,0 +1,112 @@
+"""Pictures of environments that run, on machines with and without a display."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+import dappo_batch
+from dappo_batch import ClassTable, ConfigError, SimulationError
+from dappo_batch.envs import DamageEnv
+from dappo_batch.render import RenderError, opengl
+from dappo_batch.render.live import LivePainter
+
+PICTURE = (480, 480, 3)
+
+
+@pytest.fixture
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the process be one without a display, in which nobody has chosen an OpenGL."""
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.usefixtures("opengl", "no_display")
+def test_an_env_gives_pictures_without_a_display_that_change_with_the_robot_and_its_damage(
+    ant_table: ClassTable,
+) -> None:
+    env = DamageEnv(ant_table, render_mode="rgb_array")
+    pictures = {}
+    for damage in ("healthy", "missing_toe@0", "healthy again"):
+        env.reset(seed=0, options={"damage_class": damage.split()[0]})
+        pictures[damage] = env.render()
+    healthy = pictures["healthy"]
+    assert healthy is not None
+    assert (healthy.shape, healthy.dtype) == (PICTURE, np.uint8)
+    assert healthy.std() > 1.0
+    assert not np.array_equal(healthy, pictures["missing_toe@0"])
+    np.testing.assert_array_equal(healthy, pictures["healthy again"])
+    for _ in range(3):
+        env.step(np.ones(8, dtype=np.float32))
+    assert not np.array_equal(healthy, env.render())
+    env.close()
+    with pytest.raises(SimulationError, match="closed"):
+        env.render()
+
+
+@pytest.mark.usefixtures("opengl", "no_display")
+def test_a_vector_env_gives_a_picture_of_each_env_equal_to_that_of_the_single_env(
+    ant_table: ClassTable,
+) -> None:
+    damages = ["healthy", "missing_toe@1"]
+    envs = dappo_batch.make_vec(ant_table, 2, render_mode="rgb_array")
+    envs.reset(seed=5, options={"damage_class": damages})
+    pictures = envs.render()
+    assert pictures is not None
+    env = DamageEnv(ant_table, render_mode="rgb_array")
+    for index, damage in enumerate(damages):
+        env.reset(seed=5 + index, options={"damage_class": damage})
+        np.testing.assert_array_equal(pictures[index], env.render())
+    # The model of the damage alone looks the same as one that became it.
+    painter = LivePainter([ant_table.models[ant_table.space.parse(damages[1])]], "track", *PICTURE[:2])
+    np.testing.assert_array_equal(painter.draw(0, env.get_state()[0]), pictures[1])
+    painter.close()
+    env.close()
+    envs.close()
+
+
+def test_without_a_render_mode_there_is_no_picture_and_no_process(
+    ant_table: ClassTable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opengl, "start", None)
+    env, envs = DamageEnv(ant_table), dappo_batch.make_vec(ant_table, 2)
+    env.reset()
+    envs.reset()
+    assert env.render() is None
+    assert envs.render() is None
+    env.close()
+    envs.close()
+    with pytest.raises(ConfigError, match="render_mode must be None or 'rgb_array', got 'human'"):
+        dappo_batch.make_vec(ant_table, 2, render_mode="human")
+
+
+def test_where_no_opengl_works_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opengl, "choices", lambda: ["egl", "osmesa"])
+    monkeypatch.setattr(opengl, "PAINTER", ("-c", "import sys; sys.exit('no library at all')"))
+    env = gymnasium.make("dappo_batch/Ant-v0", render_mode="rgb_array", max_damaged_limbs=1)
+    env.reset(seed=0)
+    with pytest.raises(RenderError) as caught:
+        env.render()
+    message = str(caught.value)
+    for name in ("egl", "osmesa"):
+        assert f"{name}: no library at all" in message
+        assert opengl.INSTALL[name] in message
+    # The env itself goes on.
+    env.step(env.action_space.sample())
+    env.close()
+
+
+def test_an_opengl_that_gives_up_in_between_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = f"sys.stdout.buffer.write(bytes({np.prod(PICTURE)})); sys.stdout.flush()"
+    program = (
+        f"import pickle, sys; [pickle.load(sys.stdin.buffer) for _ in 'ab']; {picture}; sys.exit('crash')"
+    )
+    monkeypatch.setattr(opengl, "choices", lambda: ["egl"])
+    monkeypatch.setattr(opengl, "PAINTER", ("-c", program))
+    env = DamageEnv("ant", max_damaged_limbs=1, render_mode="rgb_array")
+    env.reset(seed=0)
+    assert env.render() is not None
+    with pytest.raises(RenderError, match="egl gave up in between: crash"):
+        env.render()
+    env.close()
