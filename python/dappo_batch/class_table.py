@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 
+from dappo_batch._checks import folder, integer, mapping, real, sequence, shown, text
 from dappo_batch._core import ConfigError, DamageSpace, DappoError
 from dappo_batch._floor_pairs import make_floor_contacts_explicit
 from dappo_batch.damage import DamageType, make_damage_type
@@ -130,7 +132,15 @@ def compile_class_table(
         If a class does not compile, or its arrays have other sizes than those of the healthy robot.
     """
     if not isinstance(robot, Robot):
-        robot = load_robot(robot)
+        robot = load_robot(folder(robot, "robot") if isinstance(robot, PathLike) else text(robot, "robot"))
+    severity = real(severity, "severity")
+    types = None if types is None else [text(name, "a damage type") for name in sequence(types, "types")]
+    if max_damaged_limbs is not None:
+        max_damaged_limbs = integer(max_damaged_limbs, "max_damaged_limbs", 0)
+    for name, options in mapping({} if damage_options is None else damage_options, "damage_options").items():
+        text(name, "a key of damage_options")
+        for key in mapping(options, f"damage_options[{name!r}]"):
+            text(key, f"a key of damage_options[{name!r}]")
     if not 0.0 < severity <= 1.0:
         raise ConfigError(f"severity must be above 0 and at most 1, got {severity}")
     names = list(robot.damage_types if types is None else types)
@@ -234,8 +244,8 @@ def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
     except MUJOCO_ERRORS as error:
         raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
     if physics is not None:
-        if physics not in _INTEGRATORS:
-            raise ConfigError(f"physics must be one of {', '.join(_INTEGRATORS)}, got {physics!r}")
+        if not isinstance(physics, str) or physics not in _INTEGRATORS:
+            raise ConfigError(f"physics must be one of {', '.join(_INTEGRATORS)}, got {shown(physics)}")
         spec.option.integrator = _INTEGRATORS[physics]
     return spec
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike, fsdecode
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
+from dappo_batch._checks import array, flags, integer, text
+from dappo_batch._checks import folder as _folder
+from dappo_batch._core import ShapeError
 from dappo_batch._pickling import NotPicklable
+from dappo_batch.commands.invoke import assignments
 from dappo_batch.commands.options import RobotChanged
-from dappo_batch.envs.arguments import integer
+
+MOST_ROBOTS = 2**24
 
 Event = dict[str, Any]
 """``robot``, ``step`` (control steps since its start), ``event`` (the kind), and what belongs to the kind."""
@@ -68,14 +72,14 @@ class Controller(NotPicklable):
         robot_changed: RobotChanged | None = None,
     ) -> None:
         self._core = _core.Controller(
-            Path(fsdecode(run)),
-            diagnoser=Path(fsdecode(diagnoser)),
-            expert=None if expert is None else Path(fsdecode(expert)),
-            num_robots=num_robots,
-            trigger=trigger,
-            settings=[f"{key}={value}" for key, value in (settings or {}).items()],
+            _folder(run, "run"),
+            diagnoser=_folder(diagnoser, "diagnoser"),
+            expert=None if expert is None else _folder(expert, "expert"),
+            num_robots=integer(num_robots, "num_robots", 1, MOST_ROBOTS),
+            trigger=text(trigger, "trigger"),
+            settings=assignments({} if settings is None else settings, "settings"),
             threads=integer(threads, "threads", 1),
-            robot_changed=robot_changed,
+            robot_changed=None if robot_changed is None else text(robot_changed, "robot_changed"),
         )
         self._events: list[Event] = []
 
@@ -109,7 +113,9 @@ class Controller(NotPicklable):
         """
         controller = cls.__new__(cls)
         controller._core = _core.Controller.from_export(
-            Path(fsdecode(folder)), num_robots=num_robots, threads=integer(threads, "threads", 1)
+            _folder(folder, "folder"),
+            num_robots=integer(num_robots, "num_robots", 1, MOST_ROBOTS),
+            threads=integer(threads, "threads", 1),
         )
         controller._events = []
         return controller
@@ -170,9 +176,16 @@ class Controller(NotPicklable):
         ------
         ShapeError
             If a shape does not fit.
+        ConfigError
+            If an array holds no numbers.
         """
-        rows = np.ascontiguousarray(obs, np.float32)
-        velocities = np.ascontiguousarray(np.atleast_1d(forward_velocity), np.float64)
+        rows = array(obs, "obs", np.float32)
+        velocities = np.atleast_1d(array(forward_velocity, "forward_velocity", np.float64))
+        if rows.ndim not in (1, 2) or velocities.ndim != 1:
+            raise ShapeError(
+                f"obs have shape {rows.shape} and forward_velocity {velocities.shape}, expected"
+                f" [{self.num_robots}, {self.obs_dim}] (without damage code) and [{self.num_robots}]"
+            )
         single = rows.ndim == 1
         actions = self._core.act(np.atleast_2d(rows), velocities)
         self._events += self._core.take_events()
@@ -182,5 +195,10 @@ class Controller(NotPicklable):
         """Begin anew with all robots, or with those of a mask [N].
 
         They are taken for healthy, and nothing that was read of the robots before is kept.
+
+        Raises
+        ------
+        ShapeError, ConfigError
+            If the mask is not one boolean for each robot.
         """
-        self._core.reset(None if mask is None else np.asarray(mask, np.bool_).tolist())
+        self._core.reset(None if mask is None else flags(mask, "mask", self.num_robots).tolist())

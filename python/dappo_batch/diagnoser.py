@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from os import PathLike, fsdecode
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
+from dappo_batch._checks import array, finite, integer, text
+from dappo_batch._checks import folder as _folder
 from dappo_batch._core import ShapeError
 from dappo_batch._pickling import NotPicklable
 from dappo_batch.commands.options import RobotChanged
-from dappo_batch.envs.arguments import integer
 
 __all__ = ["Diagnoser"]
 
@@ -60,8 +60,9 @@ class Diagnoser(NotPicklable):
             If a file cannot be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        folders = Path(fsdecode(folder)), Path(fsdecode(expert))
-        return cls(_core.Diagnoser.load(*folders, threads=workers, robot_changed=robot_changed))
+        changed = None if robot_changed is None else text(robot_changed, "robot_changed")
+        folders = _folder(folder, "folder"), _folder(expert, "expert")
+        return cls(_core.Diagnoser.load(*folders, threads=workers, robot_changed=changed))
 
     @property
     def obs_dim(self) -> int:
@@ -104,7 +105,8 @@ class Diagnoser(NotPicklable):
         ShapeError
             If a shape does not fit.
         ConfigError
-            If the observations do not tell a robot's state, so that no twin can be put beside it.
+            If the observations do not tell a robot's state, so that no twin can be put beside it, or an array
+            holds something else than finite numbers.
         """
         obs, actions, single = _batches(obs, actions)
         if actions.shape[1] != self.timesteps:
@@ -126,6 +128,11 @@ class Diagnoser(NotPicklable):
         -------
         obs
             [N, T, O], or [T, O].
+
+        Raises
+        ------
+        ShapeError, ConfigError
+            As `diagnose`.
         """
         obs, actions, single = _batches(obs, actions)
         rows = self._core.twin(obs, actions)
@@ -134,11 +141,13 @@ class Diagnoser(NotPicklable):
 
 def _batches(obs: ArrayLike, actions: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32], bool]:
     """Return arrays of several robots, and whether they are of a single one."""
-    obs, actions = np.ascontiguousarray(obs, np.float32), np.ascontiguousarray(actions, np.float32)
+    obs, actions = array(obs, "obs", np.float32), array(actions, "actions", np.float32)
     if obs.ndim != actions.ndim or obs.ndim not in (2, 3):
         raise ShapeError(
             f"obs have shape {obs.shape} and actions {actions.shape},"
             " expected [N, T + 1, O] and [N, T, A], or both without N"
         )
+    finite(obs, "obs")
+    finite(actions, "actions")
     single = obs.ndim == 2
     return (obs[None], actions[None], True) if single else (obs, actions, False)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike, fsdecode
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
-from dappo_batch._core import ConfigError
+from dappo_batch._checks import array, finite, folder, integer, items, text
+from dappo_batch._core import ConfigError, ShapeError
 from dappo_batch._pickling import NotPicklable
 from dappo_batch.commands.options import RobotChanged
-from dappo_batch.envs.arguments import integer
 
 __all__ = ["Policy"]
 
@@ -58,15 +57,16 @@ class Policy(NotPicklable):
             If it has no checkpoint that can be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        return cls(_core.Policy.load(Path(fsdecode(run)), threads=workers, robot_changed=robot_changed))
+        changed = None if robot_changed is None else text(robot_changed, "robot_changed")
+        return cls(_core.Policy.load(folder(run, "run"), threads=workers, robot_changed=changed))
 
     @classmethod
-    def from_export(cls, folder: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
+    def from_export(cls, export: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
         """Read the policy of a folder that ``dappo-batch export`` wrote, with a diagnoser or without.
 
         Parameters
         ----------
-        folder
+        export
             The export folder.
         threads
             Worker threads; all cores if left out.
@@ -77,7 +77,7 @@ class Policy(NotPicklable):
             If the folder is no export, or a file of it has changed.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        return cls(_core.Policy.from_export(Path(fsdecode(folder)), threads=workers))
+        return cls(_core.Policy.from_export(folder(export, "export"), threads=workers))
 
     @property
     def obs_dim(self) -> int:
@@ -127,11 +127,15 @@ class Policy(NotPicklable):
         Raises
         ------
         ConfigError
-            If a damage class does not exist, or is told to a policy that observes none.
+            If a damage class does not exist, or is told to a policy that observes none, or an observation is
+            no finite number.
         ShapeError
             If a shape does not fit.
         """
-        rows = np.ascontiguousarray(obs, np.float32)
+        rows = array(obs, "obs", np.float32)
+        if rows.ndim not in (1, 2):
+            raise ShapeError(f"obs have shape {rows.shape}, expected [N, {self.obs_dim}] or [{self.obs_dim}]")
+        finite(rows, "obs")
         single = rows.ndim == 1
         rows = np.atleast_2d(rows)
         if damage_class is not None and not self.observes_damage:
@@ -144,11 +148,12 @@ class Policy(NotPicklable):
     ) -> NDArray[np.int64]:
         if told is None:
             return np.zeros(robots, np.int64)
-        if isinstance(told, (str, int, np.integer)):
-            return np.full(robots, self._class(told), np.int64)
-        return np.array([self._class(item) for item in told], np.int64)
+        each = items(told)
+        if each is not None:
+            return np.array([self._class(item) for item in each], np.int64)
+        return np.full(robots, self._class(told), np.int64)
 
-    def _class(self, told: str | int | np.integer) -> int:
-        if not isinstance(told, str):
-            return int(told)
-        return self._core.parse(told)
+    def _class(self, told: object) -> int:
+        if isinstance(told, str):
+            return self._core.parse(text(told, "damage_class"))
+        return integer(told, "damage_class", 0)

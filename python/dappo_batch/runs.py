@@ -6,10 +6,11 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike, fsdecode
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from dappo_batch._checks import folder as _folder
 from dappo_batch._core import CheckpointError, ConfigError
 from dappo_batch.tables import Table, columns, read_csv, read_text
 
@@ -89,7 +90,7 @@ def load_run(path: str | bytes | PathLike[str]) -> Run:
     >>> run = dappo_batch.load_run("runs/first")
     >>> run.metrics["forward_reward"][-1], run.per_class["true"]["forward_reward"].mean()
     """
-    folder = Path(fsdecode(path))
+    folder = _folder(path, "path")
     config = _config(folder)
     return Run(
         path=folder,

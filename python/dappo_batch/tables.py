@@ -15,6 +15,8 @@ from dappo_batch._core import CheckpointError, read_file
 
 __all__ = ["Table", "columns", "read_csv", "read_text"]
 
+_LARGE = 2**63
+
 Table = Mapping[str, NDArray[Any]]
 """Columns by name, all of one length."""
 
@@ -93,7 +95,13 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
 
 
 def columns(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Put rows together; numbers that a row lacks or that are null are NaN, and texts are empty."""
+    """Put rows together; numbers that a row lacks or that are null are NaN, and texts are empty.
+
+    Raises
+    ------
+    CheckpointError
+        If an entry is neither a number nor a text.
+    """
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: _array(name, [row.get(name) for row in rows]) for name in names}
 
@@ -101,8 +109,8 @@ def columns(rows: Sequence[Mapping[str, Any]]) -> Table:
 def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values])
-    if all(isinstance(value, int) and abs(value) < 2**63 for value in values):
-        return np.array(values)
+    if all(isinstance(value, int) and abs(value) < _LARGE for value in values):
+        return np.array(values, np.bool_ if all(isinstance(value, bool) for value in values) else np.int64)
     try:
         return np.array([np.nan if value is None else value for value in values], np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -123,13 +131,13 @@ def _parse(name: str, texts: Sequence[str]) -> NDArray[Any]:
 def _numbers(kind: Callable[[str], float], texts: Iterable[str]) -> list[float] | None:
     try:
         return [kind(text) for text in texts]
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
 
 
 def _whole(texts: Iterable[str]) -> list[int] | None:
     """Return whole numbers that an int64 holds."""
     numbers = _numbers(int, texts)
-    if numbers is None or any(abs(number) >= 2**63 for number in numbers):
+    if numbers is None or any(abs(number) >= _LARGE for number in numbers):
         return None
     return [int(number) for number in numbers]

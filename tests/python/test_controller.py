@@ -309,7 +309,7 @@ def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts:
 
 
 def test_what_cannot_be_used_is_refused_with_the_reason(parts: Path) -> None:
-    with pytest.raises(dappo_batch.ConfigError, match=r"confidence is 2, expected a number in \[0, 1\]"):
+    with pytest.raises(dappo_batch.ConfigError, match=r"`confidence` is 2, expected a number in \[0, 1\]"):
         make(parts, confidence=2)
     with pytest.raises(dappo_batch.ConfigError, match="trigger"):
         Controller(parts / "aware", diagnoser=parts / "diagnoser", trigger="pain")

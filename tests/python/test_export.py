@@ -356,7 +356,9 @@ def test_what_is_no_whole_export_is_refused_by_name(exports: Path, tmp_path: Pat
         "export.json", text.replace("export 1", "export 2")
     )
     assert "export.json: it cannot be read" in refusal("export.json", None)
-    assert "confidence is 2" in refusal("export.json", text.replace('"confidence": 0.5', '"confidence": 2.0'))
+    assert "`confidence` is 2" in refusal(
+        "export.json", text.replace('"confidence": 0.5', '"confidence": 2.0')
+    )
     changed = text.replace('"timesteps": 20', '"timesteps": 0')
     assert "timesteps is 0" in refusal("export.json", changed)
 

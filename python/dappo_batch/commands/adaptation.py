@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import fsdecode
 from typing import Any, Unpack
 
+from dappo_batch._checks import folder
 from dappo_batch.commands.invoke import invoke, only
 from dappo_batch.commands.options import Folder, RobotChanged, Simulation
 
@@ -63,7 +63,7 @@ def adapt(
         ``trial``, ``summary`` and, for a single damage, ``events`` of each episode.
     """
     options = {
-        "diagnoser": diagnoser,
+        "diagnoser": folder(diagnoser, "diagnoser"),
         "damage": damage,
         "all_classes": damage is None,
         "at": at,
@@ -77,5 +77,5 @@ def adapt(
         "robot_changed": robot_changed,
         **simulation,
     }
-    report: dict[str, Any] = only(invoke(["adapt", fsdecode(run)], options))
+    report: dict[str, Any] = only(invoke(["adapt"], options, folders=[run]))
     return report

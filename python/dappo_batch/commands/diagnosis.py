@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import fsdecode
 from pathlib import Path
 from typing import Any, Unpack
 
+from dappo_batch._checks import folder, sequence
 from dappo_batch.commands.invoke import invoke, only
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation
 
@@ -58,7 +58,7 @@ def collect_pairs(
         that the guide to diagnosis lists.
     """
     options = {
-        "out": out,
+        "out": folder(out, "out"),
         "rollouts": rollouts,
         "timesteps": timesteps,
         "preset": preset,
@@ -68,8 +68,8 @@ def collect_pairs(
         "robot_changed": robot_changed,
         **simulation,
     }
-    invoke(["diagnose", "collect", fsdecode(expert)], options)
-    return sorted(Path(fsdecode(out)).glob("rollouts-*.npy"))
+    invoke(["diagnose", "collect"], options, folders=[expert])
+    return sorted(folder(out, "out").glob("rollouts-*.npy"))
 
 
 def train_diagnoser(
@@ -112,7 +112,7 @@ def train_diagnoser(
         The metrics, one dict an epoch.
     """
     options = {
-        "out": out,
+        "out": folder(out, "out"),
         "method": method,
         "timesteps": timesteps,
         "rollouts": rollouts,
@@ -121,7 +121,7 @@ def train_diagnoser(
         "threads": threads,
         "set": set,
     }
-    return invoke(["diagnose", "train", fsdecode(data)], options, callback)
+    return invoke(["diagnose", "train"], options, callback, folders=[data])
 
 
 def evaluate_diagnoser(
@@ -155,13 +155,11 @@ def evaluate_diagnoser(
         One for each model and dataset: ``summary``, ``classes``, ``class_accuracy`` and ``cost``, or None.
     """
     options = {
-        "data": data,
+        "data": sequence(data, "data"),
         "policy": policy,
         "episodes": episodes,
         "threads": threads,
         "robot_changed": robot_changed,
     }
-    found: list[dict[str, Any]] = only(
-        invoke(["diagnose", "test", *[fsdecode(model) for model in models]], options)
-    )
+    found: list[dict[str, Any]] = only(invoke(["diagnose", "test"], options, folders=models))
     return found

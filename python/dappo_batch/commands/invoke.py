@@ -7,23 +7,43 @@ from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike, fsdecode
 from typing import Any
 
-from dappo_batch._core import run_command
-from dappo_batch.commands.options import Callback
+import numpy as np
 
-__all__ = ["invoke", "only"]
+from dappo_batch._checks import folder, mapping, shown, text
+from dappo_batch._core import ConfigError, run_command
+from dappo_batch.commands.options import Callback, Folder
+
+__all__ = ["assignments", "invoke", "only"]
+
+DEEPEST = 16
+"""Parts of a setting's key, and levels of lists and mappings in its value, at most."""
 
 
 def invoke(
-    command: list[str], options: Mapping[str, Any], callback: Callback | None = None
+    command: Sequence[str],
+    options: Mapping[str, Any],
+    callback: Callback | None = None,
+    *,
+    folders: Sequence[Folder] = (),
 ) -> list[dict[str, Any]]:
-    """Run a command and return the objects that it would print."""
+    """Run a command and return the objects that it would print; `folders` are its arguments without a flag.
+
+    Raises
+    ------
+    ConfigError
+        If an option cannot be written as an argument, or the command refuses it.
+    """
+    if callback is not None and not callable(callback):
+        raise ConfigError(f"callback must be a function, got {shown(callback)}")
     objects: list[dict[str, Any]] = []
 
     def hear(told: dict[str, Any]) -> bool | None:
         objects.append(told)
         return callback(told) if callback else None
 
-    run_command([*command, "--json", *_flags(options)], hear)
+    paths = [str(folder(path, "a folder")) for path in folders]
+    # What begins with a dash is a path all the same.
+    run_command([*command, "--json", *_flags(options), *(["--", *paths] if paths else [])], hear)
     return objects
 
 
@@ -33,30 +53,81 @@ def only(objects: list[Any]) -> Any:  # noqa: ANN401 - whatever JSON can hold
     return told
 
 
-def _flags(options: Mapping[str, Any]) -> list[str]:
-    """Return options as the command line has them; None and False are left out, and so is what is empty."""
-    flags: list[str] = []
+def assignments(settings: Any, what: str = "set") -> list[str]:  # noqa: ANN401 - it is checked here
+    """Return settings as the command line has them, ``key=value``.
+
+    Raises
+    ------
+    ConfigError
+        If they are no mapping from names to values that TOML has.
+    """
+    return list(_settings(mapping(settings, what), what, "", 1))
+
+
+def _flags(options: Mapping[str, Any]) -> Iterator[str]:
+    """Yield options as the command line has them; None and False are left out, and so is what is empty."""
     for name, value in options.items():
         flag = f"--{name.replace('_', '-')}"
         if value is None or value is False:
             continue
-        if value is True:
-            flags.append(flag)
-        elif isinstance(value, Mapping):
-            flags += [flag, *_settings(value)] if value else []
-        elif isinstance(value, (bytes, PathLike)):
-            flags += [flag, fsdecode(value)]
-        elif isinstance(value, Sequence) and not isinstance(value, str):
-            flags += [flag, *map(fsdecode, value)] if value else []
+        if name in ("set", "controller"):
+            yield from (f"{flag}={assignment}" for assignment in assignments(value, name))
+        elif value is True:
+            yield flag
+        elif isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
+            yield from (f"{flag}={_argument(item, name)}" for item in value)
         else:
-            flags += [flag, str(value)]
-    return flags
+            yield f"{flag}={_argument(value, name)}"
 
 
-def _settings(settings: Mapping[str, Any], section: str = "") -> Iterator[str]:
+def _argument(value: Any, name: str) -> str:  # noqa: ANN401 - it is checked here
+    if isinstance(value, PathLike) or (isinstance(value, str | bytes) and value):
+        # Any text, as long as a command line can hold it.
+        folder(value, name)
+        return fsdecode(value)
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return str(value)
+    raise ConfigError(f"{name} must be a text, a path or a number, got {shown(value)}")
+
+
+def _settings(settings: Mapping[Any, Any], what: str, section: str, depth: int) -> Iterator[str]:
     """Yield settings as the command line has them; the keys of nested mappings are joined by dots."""
+    if depth > DEEPEST:
+        raise ConfigError(f"{what} is nested too deeply, at most {DEEPEST} levels are possible")
     for key, setting in settings.items():
-        if isinstance(setting, Mapping):
-            yield from _settings(setting, f"{section}{key}.")
+        name = f"{section}{text(key, f'a key of {what}')}"
+        if "=" in name:
+            raise ConfigError(f"{what}: {shown(name)} is no name of a setting")
+        if isinstance(setting, Mapping) and setting:
+            yield from _settings(setting, what, f"{name}.", depth + 1)
         else:
-            yield f"{section}{key}={json.dumps(setting)}"
+            yield f"{name}={_toml(setting, name, depth)}"
+
+
+def _toml(value: Any, name: str, depth: int = 1) -> str:  # noqa: ANN401 - whatever a setting can be
+    """Return a value as TOML has it."""
+    if depth > DEEPEST:
+        raise ConfigError(f"{name} is nested too deeply, at most {DEEPEST} levels are possible")
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        if not -(2**63) <= value < 2**63:
+            raise ConfigError(f"{name} must be between -2**63 and 2**63 - 1, got {shown(value)}")
+        return str(value)
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, PathLike):
+        value = str(folder(value, name))
+    if isinstance(value, str):
+        return json.dumps(text(value, name), ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        entries = (
+            f"{_toml(text(key, f'a key of {name}'), name)} = {_toml(entry, name, depth + 1)}"
+            for key, entry in value.items()
+        )
+        return f"{{{', '.join(entries)}}}"
+    if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
+        return f"[{', '.join(_toml(item, name, depth + 1) for item in value)}]"
+    raise ConfigError(f"{name} must be a value that TOML has, such as a number or a text, got {shown(value)}")

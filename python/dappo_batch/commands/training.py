@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import fsdecode
 from typing import Any, Unpack
 
+from dappo_batch._checks import folder, sequence
 from dappo_batch.commands.invoke import invoke, only
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions
 from dappo_batch.runs import Run, load_run
@@ -37,7 +37,7 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     SimulationError
         If the simulation cannot be set up.
     """
-    invoke(["train", "--run", fsdecode(run)], options, callback)
+    invoke(["train"], {"run": folder(run, "run"), **options}, callback)
     return load_run(run)
 
 
@@ -59,8 +59,14 @@ def resume(
     CheckpointError
         If its checkpoint cannot be read.
     """
-    options = {"steps": steps, "threads": threads, "learner": learner, "robot_changed": robot_changed}
-    invoke(["train", "--resume", fsdecode(run)], options, callback)
+    options = {
+        "resume": folder(run, "run"),
+        "steps": steps,
+        "threads": threads,
+        "learner": learner,
+        "robot_changed": robot_changed,
+    }
+    invoke(["train"], options, callback)
     return load_run(run)
 
 
@@ -98,12 +104,12 @@ def evaluate(
         ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
     """
     options = {
-        "compare": compare,
+        "compare": sequence(compare, "compare"),
         "encoding": encoding,
         "episodes": episodes,
         "seed": seed,
         "robot_changed": robot_changed,
         **simulation,
     }
-    report: dict[str, Any] = only(invoke(["evaluate", *[fsdecode(run) for run in runs]], options))
+    report: dict[str, Any] = only(invoke(["evaluate"], options, folders=runs))
     return report

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -11,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
+from dappo_batch._checks import array, finite, flags, integer, items, mapping, real, shown
 from dappo_batch._core import ConfigError, DamageSpace, ShapeError
 
 DamageSpec: TypeAlias = int | str
@@ -24,27 +24,11 @@ Seed: TypeAlias = int | Sequence[int | None] | None
 DRAW = -1
 """In arrays of class ids or onsets: let the environment draw this one itself."""
 
+MOST_ENVS = 2**24
+MOST_STEPS = 2**31 - 1  # devices count steps with 31 bits
+MOST_THREADS = 4096
 KEY_LIMIT = 2**64  # random streams are keyed by unsigned 64-bit integers
 RESET_OPTIONS = ("damage_class", "onset", "reset_mask")
-
-
-def integer(value: object, what: str, minimum: int) -> int:
-    """Return `value` as an int, refusing floats and booleans.
-
-    Raises
-    ------
-    ConfigError
-        If `value` is not an integer or lies below `minimum`.
-    """
-    if isinstance(value, bool | np.bool_):
-        raise ConfigError(f"{what} must be an integer, got {value!r}")
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        raise ConfigError(f"{what} must be an integer, got {value!r}") from None
-    if number < minimum:
-        raise ConfigError(f"{what} must be at least {minimum}, got {number}")
-    return number
 
 
 def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
@@ -55,6 +39,8 @@ def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
     ConfigError
         If there is no such mode.
     """
+    if not isinstance(value, str | AutoresetMode):
+        raise ConfigError(f"autoreset must be the name of a mode, got {shown(value)}")
     for mode in AutoresetMode:
         if value in (mode, mode.value, mode.name.lower()):
             return mode
@@ -97,12 +83,12 @@ def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | N
     """
     if isinstance(damage, str) and damage == "uniform":
         return None
-    weights = np.zeros(len(space))
+    weights: NDArray[np.float64] = np.zeros(len(space))
     if isinstance(damage, Mapping):
         for spec, weight in damage.items():
             weights[class_id(space, spec)] += _weight(spec, weight)
     elif _holds_floats(damage):
-        weights = np.asarray(damage, dtype=np.float64).copy()
+        weights = array(damage, "damage weights", np.float64).copy()
         if weights.shape != (len(space),):
             raise ShapeError(
                 f"damage weights: expected one per class, shape ({len(space)},), got {weights.shape}"
@@ -113,13 +99,14 @@ def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | N
         for spec in _listed(damage):
             weights[class_id(space, spec)] += 1.0
     if weights.sum() <= 0.0:
-        raise ConfigError(f"damage must leave at least one class to draw from, got {damage!r}")
+        raise ConfigError(f"damage must leave at least one class to draw from, got {shown(damage)}")
     return weights
 
 
 def _listed(value: Any) -> list[Any]:  # noqa: ANN401
     """Return a single value as a list of one, and any sequence as a list."""
-    return [value] if isinstance(value, str) or np.ndim(value) == 0 else list(value)
+    each = items(value)
+    return [value] if each is None else each
 
 
 def _holds_floats(damage: object) -> bool:
@@ -133,11 +120,8 @@ def _holds_floats(damage: object) -> bool:
 
 
 def _weight(spec: object, value: object) -> float:
-    try:
-        weight = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise ConfigError(f"the weight of damage {spec!r} must be a number, got {value!r}") from None
-    if not np.isfinite(weight) or weight < 0.0:
+    weight = real(value, f"the weight of damage {shown(spec)}")
+    if weight < 0.0:
         raise ConfigError(f"the weight of damage {spec!r} must be finite and not negative, got {weight}")
     return weight
 
@@ -150,8 +134,9 @@ def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
     ConfigError
         If a step is no integer or negative, or the range is empty.
     """
-    low, high = onset if isinstance(onset, Sequence) and len(onset) == 2 else (onset, onset)
-    low, high = integer(low, "onset", 0), integer(high, "onset", 0)
+    each = items(onset)
+    low, high = each if each is not None and len(each) == 2 else (onset, onset)
+    low, high = integer(low, "onset", 0, MOST_STEPS), integer(high, "onset", 0, MOST_STEPS)
     if high < low:
         raise ConfigError(f"onset: the range must not be empty, got ({low}, {high})")
     return low, high
@@ -183,15 +168,17 @@ def stream_keys(
     ShapeError
         If a sequence does not have one seed for each env.
     """
-    if isinstance(seed, Sequence | np.ndarray):
-        values = list(seed)
+    values = items(seed)
+    if values is not None:
         if len(values) != num_envs:
             raise ShapeError(f"seed: expected one seed per env ({num_envs}), got {len(values)}")
     else:
-        first = integer(seed, "seed", 0)
-        values = [first + index for index in range(num_envs)]
+        first = integer(seed, "seed", 0, KEY_LIMIT)
+        if first + num_envs > KEY_LIMIT:
+            raise ConfigError(f"seed: every env's seed must be below 2**64, got {first + num_envs - 1}")
+        return np.uint64(first) + np.arange(num_envs, dtype=np.uint64), np.ones(num_envs, dtype=np.bool_)
     given = np.array([value is not None for value in values], dtype=np.bool_)
-    numbers = [0 if value is None else integer(value, "seed", 0) for value in values]
+    numbers = [0 if value is None else integer(value, "seed", 0, KEY_LIMIT) for value in values]
     if max(numbers) >= KEY_LIMIT:
         raise ConfigError(f"seed: every env's seed must be below 2**64, got {max(numbers)}")
     return np.array(numbers, dtype=np.uint64), given
@@ -226,8 +213,8 @@ class ResetOptions:
         ShapeError
             If an option has neither one value nor one for each env.
         """
-        options = options or {}
-        unknown = sorted(set(options) - set(RESET_OPTIONS))
+        options = {} if options is None else mapping(options, "options")
+        unknown = sorted(set(options) - set(RESET_OPTIONS), key=str)
         if unknown:
             raise ConfigError(f"reset options: unknown {unknown}, expected some of {list(RESET_OPTIONS)}")
         mask = options.get("reset_mask")
@@ -236,19 +223,17 @@ class ResetOptions:
             classes=_per_env(
                 options.get("damage_class"), "damage_class", num_envs, lambda spec: class_id(space, spec)
             ),
-            onsets=_per_env(options.get("onset"), "onset", num_envs, lambda step: integer(step, "onset", 0)),
+            onsets=_per_env(
+                options.get("onset"), "onset", num_envs, lambda step: integer(step, "onset", 0, MOST_STEPS)
+            ),
         )
 
 
 def _reset_mask(mask: object, num_envs: int) -> NDArray[np.bool_]:
-    array = np.asarray(mask)
-    if array.shape != (num_envs,):
-        raise ShapeError(f"options['reset_mask']: expected shape ({num_envs},), got {array.shape}")
-    if array.dtype != np.bool_:
-        raise ConfigError(f"options['reset_mask']: expected booleans, got {array.dtype}")
-    if not array.any():
+    chosen = flags(mask, "options['reset_mask']", num_envs)
+    if not chosen.any():
         raise ConfigError("options['reset_mask']: at least one env must be selected")
-    return array
+    return chosen
 
 
 def _per_env(
@@ -265,9 +250,33 @@ def _per_env(
         values *= num_envs
     if len(values) != num_envs:
         raise ShapeError(f"options[{name!r}]: expected one value or {num_envs}, got {len(values)}")
-    return np.array(
-        [DRAW if item is None or item == DRAW else convert(item) for item in values], dtype=np.int64
-    )
+    return np.array([DRAW if _is_draw(item) else convert(item) for item in values], dtype=np.int64)
+
+
+def _is_draw(item: object) -> bool:
+    return item is None or (isinstance(item, int | np.integer) and item == DRAW)
+
+
+def state(
+    qpos: object, qvel: object, qpos_shape: tuple[int, ...], qvel_shape: tuple[int, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions and velocities as contiguous float64 arrays of finite numbers.
+
+    Raises
+    ------
+    ShapeError
+        If an array has another shape.
+    ConfigError
+        If it holds something else than finite numbers.
+    """
+    found = []
+    for name, value, shape in (("qpos", qpos, qpos_shape), ("qvel", qvel, qvel_shape)):
+        values = array(value, name, np.float64)
+        if values.shape != shape:
+            raise ShapeError(f"{name}: expected shape {shape}, got {values.shape}")
+        finite(values, name)
+        found.append(values)
+    return found[0], found[1]
 
 
 def action_batch(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -280,15 +289,7 @@ def action_batch(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float
     ConfigError
         If its type cannot become float32 without changing the kind of value (complex, text, objects).
     """
-    try:
-        array = np.asarray(actions)
-    except ValueError as error:
-        raise ShapeError(f"actions: expected shape {shape}, got no array: {error}") from None
-    if array.shape != shape:
-        raise ShapeError(f"actions: expected shape {shape}, got {array.shape}")
-    if array.dtype != np.float32:
-        if not np.can_cast(array.dtype, np.float32, casting="same_kind"):
-            raise ConfigError(f"actions: expected float32 or a type that converts to it, got {array.dtype}")
-        with np.errstate(over="ignore"):  # too large becomes infinite, which the simulation refuses by name
-            array = array.astype(np.float32)
-    return np.ascontiguousarray(array)
+    rows = array(actions, f"actions: expected shape {shape}", np.float32)
+    if rows.shape != shape:
+        raise ShapeError(f"actions: expected shape {shape}, got {rows.shape}")
+    return rows

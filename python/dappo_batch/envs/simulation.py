@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 
 from dappo_batch import _core
+from dappo_batch._checks import boolean, choice, integer, real, shown, text
 from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.envs.arguments import (
+    MOST_STEPS,
+    MOST_THREADS,
     Damage,
     Seed,
     class_weights,
     fresh_keys,
-    integer,
     onset_range,
     stream_keys,
 )
@@ -74,6 +76,11 @@ def class_table(
     ConfigError
         If a compiled table comes with options that only compiling could apply.
     """
+    if not isinstance(robot, str | Path | Robot | ClassTable):
+        raise _core.ConfigError(
+            f"robot must be a name, the path of a robot TOML, a Robot or a ClassTable, got {shown(robot)}"
+        )
+    severity = real(severity, "severity")
     if not isinstance(robot, ClassTable):
         return compile_class_table(
             robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
@@ -110,7 +117,7 @@ def native_env(
         If an argument is out of range or names something that does not exist.
     """
     if max_episode_steps is not None:
-        max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1)
+        max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1, MOST_STEPS)
     keys = fresh_keys(num_envs)
     if seed is not None:
         given_keys, given = stream_keys(seed, num_envs)
@@ -119,16 +126,16 @@ def native_env(
         table,
         num_envs=num_envs,
         seeds=keys,
-        reward=reward,
-        observe_damage=bool(observe_damage),
+        reward=None if reward is None else text(reward, "reward"),
+        observe_damage=boolean(observe_damage, "observe_damage"),
         autoreset=autoreset.name.lower(),
         max_episode_steps=max_episode_steps,
         class_weights=class_weights(table.space, damage),
         onset=onset_range(onset),
-        threads=None if threads is None else integer(threads, "threads", 1),
-        device=device,
-        backend=backend,
-        precision=precision,
+        threads=None if threads is None else integer(threads, "threads", 1, MOST_THREADS),
+        device=choice(device, "device", get_args(Device)),
+        backend=choice(backend, "backend", get_args(Backend)),
+        precision=choice(precision, "precision", get_args(Precision)),
     )
 
 

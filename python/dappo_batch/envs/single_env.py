@@ -7,13 +7,14 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
-from dappo_batch._core import ConfigError, SimulationError
+from dappo_batch._checks import boolean, integer
+from dappo_batch._core import SimulationError
 from dappo_batch._pickling import NotPicklable
-from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, integer, stream_keys
+from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, state, stream_keys
+from dappo_batch.envs.errors import ResetNeededError
 from dappo_batch.envs.simulation import (
     RGB_ARRAY,
     Backend,
@@ -136,7 +137,7 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         chosen = ResetOptions.parse(options, self.table.space, 1)
         keys = None
         if seed is not None:
-            seed = integer(seed, "seed", 0)
+            seed = integer(seed, "seed", 0, 2**64 - 1)
             keys, _ = stream_keys(seed, 1)
         super().reset(seed=seed)
         self._core.reset(seeds=keys, classes=chosen.classes, onsets=chosen.onsets)
@@ -170,7 +171,7 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
             If `action` has another shape.
         ConfigError
             If `action` holds non-finite values or is not numeric.
-        ResetNeeded
+        ResetNeededError
             If the env was never reset.
         SimulationError
             If the env is closed.
@@ -179,7 +180,7 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         core = self._core
         row = action_batch(action, (core.action_dim,))
         if not self._was_reset:
-            raise ResetNeeded("call reset before the first step")
+            raise ResetNeededError("call reset before the first step")
         core.step(row[np.newaxis])
         return (
             self._obs(),
@@ -244,16 +245,16 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset, or the state of the robot is more than positions and velocities.
+            If the env was never reset, an array holds something else than finite numbers, or the state of the
+            robot is more than positions and velocities.
         SimulationError
             If the env is closed.
         """
         self._check_open()
-        self._core.set_state(
-            np.array(qpos, dtype=np.float64, ndmin=2),
-            np.array(qvel, dtype=np.float64, ndmin=2),
-            bool(at_rest),
-        )
+        model = self.table.models[0]
+        positions, velocities = state(qpos, qvel, (model.nq,), (model.nv,))
+        at_rest = boolean(at_rest, "at_rest")
+        self._core.set_state(positions[np.newaxis], velocities[np.newaxis], at_rest)
         return self._obs()
 
     def close(self) -> None:

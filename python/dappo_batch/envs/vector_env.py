@@ -7,22 +7,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from dappo_batch._checks import boolean, integer
 from dappo_batch._core import ConfigError, EnvState, SimulationError
 from dappo_batch._pickling import NotPicklable
 from dappo_batch.envs.arguments import (
+    MOST_ENVS,
+    MOST_STEPS,
     Damage,
     ResetOptions,
     Seed,
     action_batch,
     autoreset_mode,
-    integer,
+    state,
     stream_keys,
 )
+from dappo_batch.envs.errors import ResetNeededError
 from dappo_batch.envs.simulation import (
     RGB_ARRAY,
     Backend,
@@ -159,15 +162,16 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         render_mode: str | None = None,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        self.num_envs = integer(num_envs, "num_envs", 1)
+        self.num_envs = integer(num_envs, "num_envs", 1, MOST_ENVS)
         self.autoreset_mode = autoreset_mode(autoreset)
         self.table = class_table(
             robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
         )
-        self.observe_damage = bool(observe_damage)
+        self.observe_damage = boolean(observe_damage, "observe_damage")
+        self.copy = boolean(copy, "copy")
         if max_episode_steps is None:
             max_episode_steps = self.table.robot.spec["max_episode_steps"]
-        self.max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1)
+        self.max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1, MOST_STEPS)
         self._core = native_env(
             self.table,
             num_envs=self.num_envs,
@@ -183,7 +187,6 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
             backend=backend,
             precision=precision,
         )
-        self.copy = copy
         self.single_observation_space, self.single_action_space = spaces(self._core)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -262,7 +265,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         ------
         ConfigError, ShapeError
             If a seed or an option does not fit.
-        ResetNeeded
+        ResetNeededError
             If the very first reset selects only some envs.
         SimulationError
             If the env is closed.
@@ -271,7 +274,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         chosen = ResetOptions.parse(options, self.table.space, self.num_envs)
         mask = self._all_envs if chosen.mask is None else chosen.mask
         if not self._was_reset and not mask.all():
-            raise ResetNeeded("options['reset_mask'] must select every env in the first reset")
+            raise ResetNeededError("options['reset_mask'] must select every env in the first reset")
         keys, given = None, np.zeros_like(mask)
         if seed is not None:
             keys, given = stream_keys(seed, self.num_envs)
@@ -322,7 +325,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
             If `actions` has another shape.
         ConfigError
             If `actions` holds non-finite values or is not numeric.
-        ResetNeeded
+        ResetNeededError
             If the env was never reset, or in mode ``disabled`` an ended episode was not reset.
         SimulationError
             If the env is closed.
@@ -330,10 +333,10 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self._check_open()
         batch = action_batch(actions, self._action_shape)
         if not self._was_reset:
-            raise ResetNeeded("call reset before the first step")
+            raise ResetNeededError("call reset before the first step")
         if self._ended.any():
             waiting = np.flatnonzero(self._ended)
-            raise ResetNeeded(
+            raise ResetNeededError(
                 f"{waiting.size} envs have ended, the first is env {waiting[0]}: with autoreset='disabled' "
                 "reset them with options={'reset_mask': ...} before the next step"
             )
@@ -401,16 +404,15 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset, or the state of the robot is more than positions and velocities.
+            If the env was never reset, an array holds something else than finite numbers, or the state of the
+            robot is more than positions and velocities.
         SimulationError
             If the env is closed.
         """
         self._check_open()
-        self._core.set_state(
-            np.ascontiguousarray(qpos, dtype=np.float64),
-            np.ascontiguousarray(qvel, dtype=np.float64),
-            bool(at_rest),
-        )
+        model = self.table.models[0]
+        positions, velocities = state(qpos, qvel, (self.num_envs, model.nq), (self.num_envs, model.nv))
+        self._core.set_state(positions, velocities, boolean(at_rest, "at_rest"))
         return self._give(self._core.obs)
 
     def save_state(self) -> SavedState:

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from dappo_batch._checks import integer, text
 from dappo_batch.render.camera import View
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.scene import become, looks
-from dappo_batch.render.walk import Walk
+from dappo_batch.render.walk import Walk, of_walk
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -35,16 +36,20 @@ def check_browser(host: str = "localhost", port: int = 8080) -> None:
     ------
     RenderError
         If so.
+    ConfigError
+        If one is no host or no port.
     """
+    text(host, "host")
+    integer(port, "port", 0, 65535)
     if importlib.util.find_spec("mjviser") is None:
         raise RenderError(
             "mjviser is not installed, which pages with walks need: pip install 'dappo-batch[viewer]'"
         )
     try:
         socket.create_server((host, port)).close()
-    except OSError as error:
+    except (OSError, TypeError, ValueError) as error:
         # The server will take the next port, but waits for ever at an address of another machine.
-        if error.errno != errno.EADDRINUSE:
+        if not isinstance(error, OSError) or error.errno != errno.EADDRINUSE:
             raise RenderError(f"no page can be served at {host}:{port}: {error}") from error
 
 
@@ -65,6 +70,7 @@ def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
     RenderError
         If packages are missing or the page cannot be served.
     """
+    of_walk(walk)
     check_browser(host, port)
     # Imported late: only this needs the extra.
     from viser import ViserServer

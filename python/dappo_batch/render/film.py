@@ -8,22 +8,24 @@ import os
 import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from os import PathLike, fsdecode
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch._checks import boolean, folder, integer, sequence, shown
 from dappo_batch._core import ConfigError
 from dappo_batch.render.captions import captions
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.opengl import draw
 from dappo_batch.render.scene import scene
 from dappo_batch.render.schedule import Schedule, schedule
-from dappo_batch.render.walk import Walk
+from dappo_batch.render.walk import Walk, of_walk
 
 __all__ = ["INSTALL", "check", "frames", "lacking", "write"]
 
+MOST_PIXELS = 16384
 _PACKAGES = {"PIL": "pillow", "av": "av"}
 INSTALL = "pip install 'dappo-batch[video]'"
 
@@ -58,7 +60,7 @@ def check(path: str | bytes | PathLike[str]) -> Path:
     RenderError
         If packages are missing.
     """
-    file = Path(fsdecode(path))
+    file = folder(path, "path")
     if file.suffix.lower() not in _FORMATS:
         raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
     if not file.parent.is_dir():
@@ -104,7 +106,8 @@ def write(
     file = check(path)
     kind = file.suffix.lower()
     form = _FORMATS[kind]
-    width, height = size or form.size
+    of_walk(walk)
+    width, height = form.size if size is None else size_of(size)
     if min(width, height) < 1 or (kind == ".mp4" and (width % 2 or height % 2)):
         even = " and even for an mp4" if kind == ".mp4" else ""
         raise ConfigError(f"size is {width} by {height}, expected at least 1 by 1{even}")
@@ -144,9 +147,18 @@ def frames(
 
     Raises
     ------
+    ConfigError
+        If a state does not exist or the size cannot be used.
     RenderError
         If nothing can be drawn here.
     """
+    of_walk(walk)
+    last = len(walk.states) - 1
+    states = [integer(state, "a state", 0, last) for state in sequence(states, "states")]
+    if not states:
+        raise ConfigError("there are no states to draw")
+    size = size_of(size)
+    captioned = boolean(captioned, "captioned")
     drawn = draw(scene(walk, states, *size))
     if not captioned:
         return drawn
@@ -154,6 +166,15 @@ def frames(
 
     said = captions(walk)
     return letter(drawn, [said[state] for state in states], *size)
+
+
+def size_of(size: object) -> tuple[int, int]:
+    """Return a width and a height."""
+    found = sequence(size, "size")
+    if len(found) != 2:
+        raise ConfigError(f"size must be a width and a height, got {shown(size)}")
+    width, height = (integer(side, "size", 1, MOST_PIXELS) for side in found)
+    return width, height
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dappo_batch._checks import array, integer, mapping, sequence, shown, text
 from dappo_batch._core import ConfigError, ShapeError
 from dappo_batch.class_table import ClassTable
 
@@ -42,7 +43,7 @@ class Walk:
     Raises
     ------
     ConfigError
-        If the damage does not exist or the onset is negative.
+        If the damage does not exist, the onset is negative, or something is of the wrong type.
     ShapeError
         If shapes do not fit, or a position is not finite.
     """
@@ -57,9 +58,16 @@ class Walk:
     note: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.table, ClassTable):
+            raise ConfigError(f"table must be a ClassTable, got {shown(self.table)}")
         self.table.space.parse(self.damage)
-        if self.onset < 0:
-            raise ConfigError(f"onset must be at least 0, got {self.onset}")
+        integer(self.onset, "onset", 0)
+        text(self.note, "note")
+        for event in sequence(() if self.events is None else self.events, "events"):
+            if not {"step", "event"} <= mapping(event, "an event").keys():
+                raise ConfigError(f"an event has no step or no kind: {shown(event)}")
+        for name in sequence(() if self.known_names is None else self.known_names, "known_names"):
+            text(name, "a known name")
         states, width = self.states, self.table.models[0].nq
         if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
             raise ShapeError(f"qpos has shape {np.shape(self.qpos)}, expected [T + 1, {width}] or [{width}]")
@@ -75,12 +83,13 @@ class Walk:
     @property
     def states(self) -> NDArray[np.float64]:
         """The positions, [T + 1, nq]."""
-        return np.atleast_2d(np.asarray(self.qpos, np.float64))
+        return np.atleast_2d(array(self.qpos, "qpos", np.float64))
 
     @property
     def velocities(self) -> NDArray[np.float64] | None:
         """The forward velocities, [T]."""
-        return None if self.forward_velocity is None else np.asarray(self.forward_velocity, np.float64)
+        velocities = self.forward_velocity
+        return None if velocities is None else array(velocities, "forward_velocity", np.float64)
 
     @property
     def damage_classes(self) -> NDArray[np.int64]:
@@ -93,3 +102,15 @@ class Walk:
         """Duration of a step, s."""
         timestep = float(self.table.models[0].opt.timestep)
         return timestep * int(self.table.robot.spec["frame_skip"])
+
+
+def of_walk(walk: object) -> None:
+    """Refuse what is no walk.
+
+    Raises
+    ------
+    ConfigError
+        If it is none.
+    """
+    if not isinstance(walk, Walk):
+        raise ConfigError(f"walk must be a Walk, got {shown(walk)}")

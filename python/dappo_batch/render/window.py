@@ -13,7 +13,7 @@ from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.scene import become, looks
-from dappo_batch.render.walk import Walk
+from dappo_batch.render.walk import Walk, of_walk
 
 __all__ = ["check_screen", "view"]
 
@@ -50,6 +50,7 @@ def view(walk: Walk) -> None:
     RenderError
         If there is no screen.
     """
+    of_walk(walk)
     check_screen()
     # Imported late: it looks for a screen by itself.
     from mujoco import viewer

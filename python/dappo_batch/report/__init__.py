@@ -6,9 +6,10 @@ import argparse
 import importlib.util
 from collections.abc import Sequence
 from importlib.metadata import version
-from os import PathLike, fsdecode, fsencode
+from os import PathLike, fsencode
 from pathlib import Path
 
+from dappo_batch._checks import folder, sequence, text
 from dappo_batch._core import ConfigError, write_file
 from dappo_batch.render.errors import RenderError
 from dappo_batch.report.sources import Sources, read
@@ -52,7 +53,10 @@ def write(
     RenderError
         If matplotlib is missing.
     """
-    page = Path(fsdecode(out))
+    page = folder(out, "out")
+    title = text(title, "title")
+    target = None if figures is None else folder(figures, "figures")
+    paths = [folder(path, "a path") for path in sequence(paths, "paths")]
     if not page.parent.is_dir():
         raise ConfigError(f"{page}: there is no folder {page.parent}")
     if page.is_dir():
@@ -60,7 +64,7 @@ def write(
     if importlib.util.find_spec("matplotlib") is None:
         raise RenderError(f"matplotlib is not installed, which reports need: {INSTALL}")
     sources = read(paths)
-    html, drawings = _draw(sources, title, None if figures is None else Path(fsdecode(figures)))
+    html, drawings = _draw(sources, title, target)
     for path, content in drawings.items():
         _write(path, content)
     _write(page, html)

@@ -202,7 +202,7 @@ def _test(path: Path) -> DiagnoserTest:
     summary_path = path.with_name(f"{data}.json")
     try:
         summary = json.loads(read_text(summary_path)) if summary_path.exists() else {}
-    except (ValueError, RecursionError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{summary_path} cannot be read: {error}") from error
     try:
         counts = np.stack([table[name].astype(np.float64) for name in names], axis=1)

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from dappo_batch._checks import folder
 from dappo_batch._core import ConfigError, robot_faults
 from dappo_batch.robots.faults import refuse
 
@@ -149,7 +150,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     if isinstance(name_or_path, str) and name_or_path in ROBOTS:
         path = _FOLDER / f"{name_or_path}.toml"
     else:
-        path = Path(name_or_path)
+        path = folder(name_or_path, "name_or_path")
         if path.suffix != ".toml":
             raise ConfigError(
                 f"unknown robot {str(name_or_path)!r}: expected one of {', '.join(ROBOTS)}, or the path of a"

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
-from os import fsdecode
 from pathlib import Path
 from typing import Any
 
+from dappo_batch._checks import folder as _folder
+from dappo_batch._checks import mapping, shown
 from dappo_batch._core import CheckpointError, ConfigError, write_file
 from dappo_batch.commands import Folder
+from dappo_batch.commands.invoke import assignments
 from dappo_batch.sweeping.cell import Cell, cells_of, options_of
 from dappo_batch.sweeping.worker import processes, train_cell
 from dappo_batch.tables import read_text
@@ -54,10 +56,20 @@ def sweep(
     Raises
     ------
     ConfigError
-        If the grid is empty, or the folder holds a sweep with another base.
+        If the grid is empty, an argument is of the wrong type, or the folder holds a sweep with another base
+        or cannot be written.
+    CheckpointError
+        If its ``sweep.json`` cannot be read.
     """
-    folder = Path(fsdecode(out)).absolute()
+    folder = _folder(out, "out").absolute()
+    if executor is not None and not isinstance(executor, Executor):
+        raise ConfigError(f"executor must be a concurrent.futures.Executor, got {shown(executor)}")
+    if callback is not None and not callable(callback):
+        raise ConfigError(f"callback must be a function, got {shown(callback)}")
     cells = list(cells_of(grid, folder))
+    # Refuses what no command line can have, before the first cell.
+    assignments({key: value for key, value in mapping(base, "base").items() if key != "set"}, "base")
+    assignments(base.get("set") or {}, "set")
     _claim(folder, base)
     if executor is None:
         with processes(1) as pool:

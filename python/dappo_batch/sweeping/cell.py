@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dappo_batch._checks import mapping, sequence, shown, text
 from dappo_batch._core import ConfigError
 from dappo_batch.commands import TrainingOptions
 from dappo_batch.runs import Run, load_run
@@ -44,7 +45,10 @@ class Cell:
 
 def cells_of(grid: Mapping[str, Sequence[Any]], folder: Path) -> Iterator[Cell]:
     """Yield every combination of the grid, the last key changing first."""
-    if empty := [key for key, values in grid.items() if not values]:
+    for key, values in mapping(grid, "grid").items():
+        text(key, "a key of the grid")
+        sequence(values, f"the grid's values of {key}")
+    if empty := [key for key, values in grid.items() if not len(values)]:
         raise ConfigError(f"the grid has no values for {', '.join(empty)}")
     seen = set()
     for values in itertools.product(*grid.values()):
@@ -57,7 +61,11 @@ def cells_of(grid: Mapping[str, Sequence[Any]], folder: Path) -> Iterator[Cell]:
 
 
 def _name(value: Any) -> str:  # noqa: ANN401 - whatever a setting can be
-    return re.sub(r"[^\w.+-]", "_", value if isinstance(value, str) else json.dumps(value))
+    try:
+        name = value if isinstance(value, str) else json.dumps(value)
+    except (TypeError, ValueError, RecursionError):
+        raise ConfigError(f"the grid has a value that is no setting: {shown(value)}") from None
+    return re.sub(r"[^\w.+-]", "_", name)
 
 
 def options_of(values: Mapping[str, Any]) -> dict[str, Any]:

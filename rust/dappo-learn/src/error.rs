@@ -28,6 +28,9 @@ pub enum LearnError {
         /// The range or the choices.
         expected: &'static str,
     },
+    /// Settings that cannot be used, all that there are.
+    #[error("{}", crate::config::describe(.0))]
+    Settings(Vec<crate::config::Fault>),
     /// A configuration, run folder or command that cannot be used.
     #[error("{0}")]
     Invalid(String),

@@ -26,6 +26,7 @@ pub mod export;
 pub mod files;
 mod fleet;
 pub mod gae;
+pub mod memory;
 pub mod metrics;
 pub mod nn;
 pub mod normalizer;

@@ -6,6 +6,7 @@ use dappo_learn::Compute;
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, simd};
 use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
+use dappo_sim::memory::of_envs;
 use dappo_sim::terms::Task;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Robot};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
@@ -77,6 +78,10 @@ impl<'py> ClassTable<'py> {
     /// The chosen backend over this table.
     pub fn backend(&self, choice: &Choice, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
         let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
+        let obs_dim = task.obs_dim() + self.space.code_length();
+        of_envs(options.num_envs, &self.layout, obs_dim)
+            .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))
+            .map_err(|error| from_sim(&error))?;
         if options.compute.device.is_warp() {
             return self.warp_backend(task, options);
         }

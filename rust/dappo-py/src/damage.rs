@@ -3,6 +3,7 @@
 use dappo_sim::damage::{DamageClass, DamageSpace};
 use pyo3::prelude::*;
 
+use crate::arguments::argument;
 use crate::errors::from_sim;
 
 /// One damage class: which limbs are damaged, and how.
@@ -61,8 +62,15 @@ pub struct PyDamageSpace {
 #[pymethods]
 impl PyDamageSpace {
     #[new]
-    fn new(limbs: usize, types: Vec<String>, max_damaged_limbs: usize) -> PyResult<Self> {
-        DamageSpace::new(limbs, types, max_damaged_limbs)
+    fn new(
+        limbs: &Bound<'_, PyAny>,
+        types: &Bound<'_, PyAny>,
+        max_damaged_limbs: &Bound<'_, PyAny>,
+    ) -> PyResult<Self> {
+        let number = "a whole number of at least 0";
+        let limbs = argument(limbs, "limbs", number)?;
+        let types = argument(types, "types", "a sequence of names")?;
+        DamageSpace::new(limbs, types, argument(max_damaged_limbs, "max_damaged_limbs", number)?)
             .map(|inner| Self { inner })
             .map_err(|error| from_sim(&error))
     }
@@ -105,8 +113,12 @@ impl PyDamageSpace {
 
     /// The class id that a specification or an id names.
     fn parse(&self, spec: &Bound<'_, PyAny>) -> PyResult<usize> {
-        let text = spec.str()?;
-        self.inner.parse(text.to_str()?).map_err(|error| from_sim(&error))
+        let expected = "a class id, or a text that names damages";
+        let text = match argument::<i64>(spec, "a damage", expected) {
+            Ok(id) => id.to_string(),
+            Err(_) => argument(spec, "a damage", expected)?,
+        };
+        self.inner.parse(&text).map_err(|error| from_sim(&error))
     }
 
     fn __len__(&self) -> usize {

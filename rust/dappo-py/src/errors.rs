@@ -109,7 +109,10 @@ pub fn raise(kind: Kind, message: impl Into<String>) -> PyErr {
 /// A simulation error as a Python exception.
 pub fn from_sim(error: &SimError) -> PyErr {
     let kind = match error {
-        SimError::Config(_) | SimError::Unsupported(_) | SimError::NonFiniteAction { .. } => Kind::Config,
+        SimError::Config(_)
+        | SimError::Unsupported(_)
+        | SimError::NonFiniteAction { .. }
+        | SimError::Memory { .. } => Kind::Config,
         SimError::Shape { .. } => Kind::Shape,
         SimError::Library { .. } | SimError::Threads { .. } | SimError::Device(_) => Kind::Simulation,
         SimError::Snapshot(_) => Kind::Checkpoint,
@@ -122,7 +125,7 @@ pub fn from_sim(error: &SimError) -> PyErr {
 pub fn from_learn(error: &LearnError) -> PyErr {
     let kind = match error {
         LearnError::Sim(error) => return from_sim(error),
-        LearnError::Config { .. } | LearnError::Invalid(_) => Kind::Config,
+        LearnError::Config { .. } | LearnError::Settings(_) | LearnError::Invalid(_) => Kind::Config,
         LearnError::Length { .. } => Kind::Shape,
         LearnError::NonFinite { .. } | LearnError::Tensor { .. } => Kind::Simulation,
         LearnError::Mismatch { .. }

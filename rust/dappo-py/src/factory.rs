@@ -3,6 +3,7 @@
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::memory::check_training;
 use dappo_learn::{Compute, Simulator};
 use dappo_sim::backend::Choice;
 use dappo_sim::backend::lanes::simd;
@@ -72,6 +73,11 @@ impl TableFactory {
     /// The backend that the configuration means for this robot on the CPU.
     pub fn backend_kind(&self) -> BackendKind {
         self.choice.kind()
+    }
+
+    /// Fails if a training of this configuration does not fit the memory.
+    pub fn check_memory(&self, config: &Config) -> Result<(), SimError> {
+        check_training(config, self.sizes(config)?, &self.layout, self.space.classes().len())
     }
 
     /// A line about what simulates: which backend, how precise, where, and why not the faster one.

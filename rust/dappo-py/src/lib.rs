@@ -1,5 +1,6 @@
 //! `dappo_batch._core`: thin Python classes over `dappo-sim` and `dappo-learn`, and the command line.
 
+mod arguments;
 mod class_table;
 mod cli;
 mod command;

@@ -10,8 +10,7 @@ use pyo3::types::PyDict;
 
 use crate::cli::args::ConfigArgs;
 use crate::cli::settings;
-use crate::errors::{Kind, from_sim, raise};
-use crate::factory::TableFactory;
+use crate::errors::{Kind, raise};
 use crate::pool::Pool;
 
 #[derive(Debug, Parser)]
@@ -27,9 +26,8 @@ pub fn collect_rollout(py: Python<'_>, arguments: Vec<String>) -> PyResult<Bound
     let arguments = Arguments::try_parse_from(std::iter::once("collect_rollout".to_owned()).chain(arguments))
         .map_err(|error| raise(Kind::Config, error.to_string()))?;
     let mut config = settings::resolve(py, &arguments.config)?;
-    config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
     let pool = Pool::new(config.env.threads)?;
-    let factory = TableFactory::compile(py, &config)?;
+    let factory = settings::ready(py, &mut config)?;
     let (start, rollout) = pool.run(py, || -> dappo_learn::Result<_> {
         let Sizes { obs_dim, code_length, action_dim } = factory.sizes(&config)?;
         let device = dappo_learn::cpu();

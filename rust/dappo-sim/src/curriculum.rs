@@ -72,7 +72,10 @@ impl ClassDistribution {
 
 /// How a stage weighs the damage classes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "expected \"uniform\", a damage such as \"healthy\", or weights of some of the strata `healthy`, `single` and `multiple`"
+)]
 pub enum ClassMix {
     /// `"uniform"` or one damage specification such as `"healthy"`.
     Named(String),
@@ -95,6 +98,20 @@ pub struct Strata {
     pub multiple: f64,
 }
 
+impl Strata {
+    /// Fails for weights that are no distribution of any robot's classes.
+    pub fn check(&self) -> Result<(), SimError> {
+        let weights = [self.healthy, self.single, self.multiple];
+        if weights.iter().all(|weight| (0.0..=1e9).contains(weight)) && weights.iter().sum::<f64>() > 0.0 {
+            return Ok(());
+        }
+        Err(SimError::Config(format!(
+            "the weights are healthy = {}, single = {}, multiple = {}, expected numbers from 0 to 1e9, not all of them 0",
+            self.healthy, self.single, self.multiple
+        )))
+    }
+}
+
 impl ClassMix {
     /// The probabilities of all classes of `space`.
     pub fn distribution(&self, space: &DamageSpace) -> Result<ClassDistribution, SimError> {
@@ -115,6 +132,18 @@ impl ClassMix {
                 let mut sizes = [0_usize; 3];
                 for class in classes {
                     sizes[of(class.damages.len()).0] += 1;
+                }
+                strata.check()?;
+                for (name, size, weight) in
+                    [("single", sizes[1], strata.single), ("multiple", sizes[2], strata.multiple)]
+                {
+                    if size == 0 && weight > 0.0 {
+                        return Err(SimError::Config(format!(
+                            "the stratum `{name}` has the weight {weight}, but no damage class is in it: \
+                             at most {} limbs of this robot are damaged",
+                            space.max_damaged_limbs()
+                        )));
+                    }
                 }
                 let weight = |damages: usize| {
                     let (stratum, weight) = of(damages);
@@ -199,6 +228,24 @@ mod tests {
     fn weights_that_are_no_distribution_are_refused() {
         for weights in [&[0.0, 0.0][..], &[1.0, -1.0], &[f64::NAN, 1.0], &[f64::INFINITY, 1.0], &[]] {
             assert!(ClassDistribution::from_weights(weights).is_err(), "{weights:?}");
+        }
+    }
+
+    #[test]
+    fn a_stratum_without_classes_bears_no_weight() {
+        let single = DamageSpace::new(4, vec!["jammed_joint".into()], 1).unwrap();
+        let mix = |multiple| ClassMix::Strata(Strata { healthy: 1.0, single: 1.0, multiple });
+        assert_eq!(mix(0.0).distribution(&single).unwrap().len(), 5);
+        let message = mix(0.5).distribution(&single).unwrap_err().to_string();
+        assert!(message.contains("`multiple` has the weight 0.5"), "{message}");
+        let healthy = DamageSpace::new(4, Vec::new(), 0).unwrap();
+        assert!(mix(0.0).distribution(&healthy).unwrap_err().to_string().contains("`single`"));
+    }
+
+    #[test]
+    fn strata_with_weights_that_are_no_distribution_are_refused() {
+        for (healthy, single) in [(0.0, 0.0), (-1.0, 2.0), (f64::NAN, 1.0), (f64::INFINITY, 1.0)] {
+            assert!(Strata { healthy, single, multiple: 0.0 }.check().is_err(), "{healthy} {single}");
         }
     }
 

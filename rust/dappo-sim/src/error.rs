@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::memory::gigabytes;
+
 /// Errors of this crate.
 #[derive(Debug, Error)]
 pub enum SimError {
@@ -62,6 +64,20 @@ pub enum SimError {
     /// Whoever was to make the physics was told to stop, for example with Ctrl-C.
     #[error("interrupted")]
     Interrupted,
+
+    /// More memory than there is.
+    #[error(
+        "not enough memory for {what}: about {} are needed, {} are available; ask for less, or give the process more",
+        gigabytes(*needed), gigabytes(u128::from(*available))
+    )]
+    Memory {
+        /// What asks for it.
+        what: String,
+        /// Bytes, estimated.
+        needed: u128,
+        /// Bytes that the machine and the limits of the process leave.
+        available: u64,
+    },
 
     /// A saved env state that belongs to another env.
     #[error("cannot restore the env state: {0}")]

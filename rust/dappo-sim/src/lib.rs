@@ -16,6 +16,7 @@ pub mod backend;
 pub mod curriculum;
 pub mod damage;
 mod error;
+pub mod memory;
 pub mod rng;
 pub mod robot;
 pub mod terms;

@@ -3,7 +3,9 @@
 //! Sources, later ones win: defaults → the robot's own file in `configs/` or `--config` → command-line
 //! flags → `--set key=value`. The resolved configuration is written into the run folder.
 
+mod faults;
 mod layers;
+mod sift;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +17,18 @@ use crate::error::LearnError;
 use crate::ppo::PpoConfig;
 use crate::simulator::Compute;
 
+pub(crate) use faults::describe;
+pub use faults::{Fault, Faults};
 pub use layers::Layers;
+
+/// Envs at most: more do not fit the memory of any machine.
+const MOST_ENVS: usize = 1 << 24;
+/// Transitions of an iteration at most: their indices, and those of two batches together, are of 31 bits.
+const MOST_ROWS: usize = 1 << 30;
+/// Steps of an episode at most, which devices count with 31 bits.
+const MOST_STEPS: usize = i32::MAX as usize;
+/// Worker threads at most: more than any machine has cores for.
+pub const MOST_THREADS: usize = 4096;
 
 /// Everything that determines a training run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -207,46 +220,61 @@ impl Config {
             .map_err(|error| LearnError::Invalid(format!("cannot write the configuration: {error}")))
     }
 
-    /// Checks what types cannot express.
-    pub fn check(&self) -> Result<(), LearnError> {
-        let bad = |why: String| Err(LearnError::Invalid(why));
+    /// What types cannot express: all that is out of range.
+    #[must_use]
+    pub fn faults(&self) -> Faults {
+        let mut faults = Faults::default();
         if self.robot.is_empty() {
-            return bad("`robot` is missing; name a built-in robot or a robot file".into());
+            faults.add("robot", "is missing; name a built-in robot or a robot file");
         }
-        for (name, value) in [
-            ("env.num_envs", self.env.num_envs),
-            ("total_steps", self.total_steps as usize),
-            ("horizon", self.horizon),
-            ("checkpoint.keep", self.checkpoint.keep),
-            ("checkpoint.every", self.checkpoint.every as usize),
-            ("evaluation.episodes", self.evaluation.episodes),
-            ("env.threads", self.env.threads.unwrap_or(1)),
-            ("env.njmax", self.env.njmax.unwrap_or(1)),
-            ("env.nconmax", self.env.nconmax.unwrap_or(1)),
+        for (key, value, most) in [
+            ("env.num_envs", self.env.num_envs, MOST_ENVS),
+            ("horizon", self.horizon, MOST_ROWS),
+            ("checkpoint.keep", self.checkpoint.keep, usize::MAX >> 1),
+            ("evaluation.episodes", self.evaluation.episodes, MOST_ENVS),
+            ("env.threads", self.env.threads.unwrap_or(1), MOST_THREADS),
+            ("env.max_episode_steps", self.env.max_episode_steps.unwrap_or(1), MOST_STEPS),
+            ("env.njmax", self.env.njmax.unwrap_or(1), MOST_STEPS),
+            ("env.nconmax", self.env.nconmax.unwrap_or(1), MOST_STEPS),
         ] {
-            if value == 0 {
-                return bad(format!("`{name}` is 0, expected at least 1"));
+            faults.count(key, value as u64, most as u64);
+        }
+        faults.count("total_steps", self.total_steps, u64::MAX >> 1);
+        faults.count("checkpoint.every", self.checkpoint.every, u64::MAX >> 1);
+        let rows = self.env.num_envs.saturating_mul(self.horizon);
+        if rows > MOST_ROWS && !faults.concern("env.num_envs") && !faults.concern("horizon") {
+            faults.add("horizon", format!(
+                "is {} and `env.num_envs` is {}; their product, the transitions of an iteration, must be at most {MOST_ROWS}",
+                self.horizon, self.env.num_envs
+            ));
+        }
+        faults.positive("damage.severity", self.damage.severity, 1.0);
+        let Onset { first, last } = self.damage.onset;
+        let onset = format!("{first} to {last}");
+        let expected = format!("a range in ascending order, within 0 to {MOST_STEPS}");
+        faults.rule("damage.onset", onset, &expected, first <= last && last <= MOST_STEPS);
+        self.review_curriculum(&mut faults);
+        faults.section("ppo", |faults| self.ppo.review(faults));
+        faults
+    }
+
+    fn review_curriculum(&self, faults: &mut Faults) {
+        if self.curriculum.is_empty() {
+            faults.add("curriculum", "has no stage; leave it out for one stage over all damage classes");
+        }
+        for (index, stage) in self.curriculum.iter().enumerate() {
+            // Shares of the whole are formed, which must be numbers.
+            faults.positive(&format!("curriculum[{index}].budget"), stage.budget, 1e9);
+            if let ClassMix::Strata(strata) = &stage.mix
+                && let Err(error) = strata.check()
+            {
+                faults.add(&format!("curriculum[{index}].mix"), format!("cannot be used: {error}"));
             }
         }
-        if !(self.damage.severity > 0.0 && self.damage.severity <= 1.0) {
-            return bad(format!(
-                "`damage.severity` is {}, expected a number above 0 and at most 1",
-                self.damage.severity
-            ));
-        }
-        if self.curriculum.is_empty() {
-            return bad(
-                "`curriculum` has no stage; leave it out for one stage over all damage classes".into()
-            );
-        }
-        if let Some(stage) =
-            self.curriculum.iter().find(|stage| !(stage.budget.is_finite() && stage.budget > 0.0))
-        {
-            return bad(format!(
-                "stage `{}` has budget {}, expected a positive number",
-                stage.name, stage.budget
-            ));
-        }
-        self.ppo.check()
+    }
+
+    /// Fails with all that is out of range.
+    pub fn check(&self) -> Result<(), LearnError> {
+        self.faults().end()
     }
 }

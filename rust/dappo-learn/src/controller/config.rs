@@ -2,7 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::config::Faults;
 use crate::error::{LearnError, Result};
+
+/// Steps of a window at most, which is kept for every robot.
+const MOST_WINDOW: u64 = 1_000_000;
+/// Steps at most that something waits for; the time to the next examination doubles.
+const MOST_WAIT: u64 = 1 << 31;
 
 /// What makes a controller suspect damage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,23 +81,21 @@ impl Default for ControllerConfig {
 }
 
 impl ControllerConfig {
-    /// Fails at the first setting outside its range.
+    /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
-        let rule = |key, value: f64, expected, holds: bool| {
-            if holds && value.is_finite() {
-                return Ok(());
-            }
-            Err(LearnError::Config { key, got: value.to_string(), expected })
-        };
-        rule("speed_window", self.speed_window as f64, "at least 1", self.speed_window > 0)?;
-        rule("speed_fraction", self.speed_fraction, "a number above 0", self.speed_fraction > 0.0)?;
-        rule("residual_window", self.residual_window as f64, "at least 1", self.residual_window > 0)?;
-        rule(
-            "residual_threshold",
-            self.residual_threshold,
-            "a number above 0",
-            self.residual_threshold > 0.0,
-        )?;
-        rule("confidence", self.confidence, "a number in [0, 1]", (0.0..=1.0).contains(&self.confidence))
+        let mut faults = Faults::default();
+        for (key, window) in [("speed_window", self.speed_window), ("residual_window", self.residual_window)]
+        {
+            faults.count(key, window as u64, MOST_WINDOW);
+        }
+        for (key, steps) in [("cooldown", self.cooldown), ("probation", self.probation)] {
+            let expected = format!("a whole number from 0 to {MOST_WAIT}");
+            faults.rule(key, steps, &expected, steps as u64 <= MOST_WAIT);
+        }
+        faults.positive("speed_fraction", self.speed_fraction, 1e9);
+        faults.positive("residual_threshold", self.residual_threshold, 1e9);
+        let confidence = self.confidence;
+        faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
+        faults.end()
     }
 }

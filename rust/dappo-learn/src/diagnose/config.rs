@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Head, Method, PairSource};
+use crate::config::Faults;
 use crate::error::{LearnError, Result};
+use crate::memory::check_diagnoser;
+use crate::ppo::config::MOST_WIDTH;
 
 /// How the learning rate changes over a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,32 +94,32 @@ impl Default for DiagnoserConfig {
 }
 
 impl DiagnoserConfig {
-    /// Fails at the first setting outside its range.
+    /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
-        let rule = |key, value: f64, expected, holds: bool| {
-            if holds && value.is_finite() {
-                return Ok(());
-            }
-            Err(LearnError::Config { key, got: value.to_string(), expected })
-        };
-        let counted = |key, value: usize| rule(key, value as f64, "at least 1", value > 0);
-        counted("timesteps", self.timesteps)?;
+        let mut faults = Faults::default();
+        let most = i32::MAX as u64;
+        faults.count("timesteps", self.timesteps as u64, most);
         if let Some(rollouts) = self.rollouts {
-            rule("rollouts", rollouts as f64, "at least 2, one of them to validate on", rollouts > 1)?;
+            faults.rule("rollouts", rollouts, "at least 2, one of them to validate on", rollouts > 1);
         }
-        let share = self.validation_fraction;
-        rule("validation_fraction", share, "a number in (0, 1)", share > 0.0 && share < 1.0)?;
-        counted("embedding", self.embedding)?;
-        counted("lstm", self.lstm)?;
-        self.hidden.iter().try_for_each(|width| counted("hidden", *width))?;
-        rule("dropout", self.dropout, "a number in [0, 1)", (0.0..1.0).contains(&self.dropout))?;
-        rule("learning_rate", self.learning_rate, "a number above 0", self.learning_rate > 0.0)?;
-        counted("minibatch_size", self.minibatch_size)?;
-        counted("epochs", self.epochs)?;
-        counted("patience", self.patience)
+        let (share, dropout) = (self.validation_fraction, self.dropout);
+        faults.rule("validation_fraction", share, "a number in (0, 1)", share > 0.0 && share < 1.0);
+        faults.rule("dropout", dropout, "a number in [0, 1)", (0.0..1.0).contains(&dropout));
+        faults.count("embedding", self.embedding as u64, MOST_WIDTH);
+        faults.count("lstm", self.lstm as u64, MOST_WIDTH);
+        for (layer, &width) in self.hidden.iter().enumerate() {
+            faults.count(&format!("hidden[{layer}]"), width as u64, MOST_WIDTH);
+        }
+        faults.positive("learning_rate", self.learning_rate, 1.0);
+        for (key, value) in
+            [("minibatch_size", self.minibatch_size), ("epochs", self.epochs), ("patience", self.patience)]
+        {
+            faults.count(key, value as u64, most);
+        }
+        faults.end()
     }
 
-    /// Fails if the data cannot serve these settings.
+    /// Fails if the data cannot serve these settings, or a training on them does not fit the memory.
     pub fn check_source(&self, source: &dyn PairSource) -> Result<()> {
         let available = source.timesteps();
         if self.timesteps > available {
@@ -143,7 +146,7 @@ impl DiagnoserConfig {
                 "`held_out` names all {classes} damage classes; one must remain"
             )));
         }
-        Ok(())
+        Ok(check_diagnoser(self, source)?)
     }
 }
 
@@ -181,13 +184,13 @@ mod tests {
         let refuse = |config: DiagnoserConfig| config.check().unwrap_err().to_string();
         let paper = DiagnoserConfig::default;
         let message = refuse(DiagnoserConfig { dropout: 1.0, ..paper() });
-        assert_eq!(message, "dropout is 1, expected a number in [0, 1)");
+        assert_eq!(message, "`dropout` is 1, expected a number in [0, 1)");
         let message = refuse(DiagnoserConfig { learning_rate: f64::NAN, ..paper() });
-        assert_eq!(message, "learning_rate is NaN, expected a number above 0");
+        assert_eq!(message, "`learning_rate` is NaN, expected a number above 0 and at most 1");
         let message = refuse(DiagnoserConfig { validation_fraction: 0.0, ..paper() });
-        assert_eq!(message, "validation_fraction is 0, expected a number in (0, 1)");
-        assert!(refuse(DiagnoserConfig { rollouts: Some(1), ..paper() }).starts_with("rollouts is 1"));
-        assert!(refuse(DiagnoserConfig { hidden: vec![4, 0], ..paper() }).starts_with("hidden is 0"));
+        assert_eq!(message, "`validation_fraction` is 0, expected a number in (0, 1)");
+        assert!(refuse(DiagnoserConfig { rollouts: Some(1), ..paper() }).starts_with("`rollouts` is 1"));
+        assert!(refuse(DiagnoserConfig { hidden: vec![4, 0], ..paper() }).starts_with("`hidden[1]` is 0"));
     }
 
     #[test]

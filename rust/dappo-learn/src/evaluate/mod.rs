@@ -6,6 +6,7 @@ mod encoding;
 mod tables;
 
 use dappo_sim::DamageClass;
+use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, ResetOptions, VectorEnv, VectorEnvConfig};
 
@@ -91,6 +92,10 @@ struct Batch {
 impl Batch {
     fn new(config: &Config, factory: &dyn EnvFactory, classes: &[usize]) -> Result<Self> {
         let episodes = config.evaluation.episodes;
+        // Seeds, classes and sums; the envs are checked where they are made.
+        Bytes::of(classes.len(), 128)
+            .times(episodes)
+            .require(&format!("{episodes} episodes a damage class"))?;
         let starts = env_keys(config.evaluation.seed, episodes);
         let keys: Vec<u64> = classes.iter().flat_map(|_| &starts).copied().collect();
         let classes: Vec<usize> =

@@ -2,8 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::config::Faults;
 use crate::error::{LearnError, Result};
 use crate::nn::LearnerDevice;
+
+/// Passes and rows of a minibatch at most.
+const MOST_COUNT: u64 = i32::MAX as u64;
+/// Units of a layer at most; whether such a network fits the memory is another question.
+pub(crate) const MOST_WIDTH: u64 = 1 << 24;
 
 /// Settings of PPO. "Paper" marks values that Verma et al. (2019) state; the others are ours.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -106,34 +112,41 @@ impl PpoConfig {
         self.initial_log_variance / 2.0
     }
 
-    /// Fails at the first setting outside its range.
+    /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
-        let rule = |key, value: f64, expected, holds: bool| {
-            if holds && value.is_finite() {
-                return Ok(());
-            }
-            Err(LearnError::Config { key, got: value.to_string(), expected })
-        };
-        let positive = |key, value: f64| rule(key, value, "a number above 0", value > 0.0);
-        let counted = |key, value: usize| rule(key, value as f64, "at least 1", value > 0);
-        rule("gamma", self.gamma, "a number in [0, 1)", (0.0..1.0).contains(&self.gamma))?;
-        let lambda = self.gae_lambda;
-        rule("gae_lambda", lambda, "a number in [0, 1]", (0.0..=1.0).contains(&lambda))?;
-        let clip = self.clip_range;
-        rule("clip_range", clip, "a number in (0, 1)", clip > 0.0 && clip < 1.0)?;
-        rule("kl_hinge", self.kl_hinge, "a number of at least 0", self.kl_hinge >= 0.0)?;
-        rule("initial_log_variance", self.initial_log_variance, "a finite number", true)?;
-        positive("code_scale", self.code_scale)?;
-        positive("kl_target", self.kl_target)?;
-        positive("kl_stop", self.kl_stop)?;
-        positive("learning_rate", self.learning_rate)?;
-        rule("max_lr_factor", self.max_lr_factor, "a number of at least 1", self.max_lr_factor >= 1.0)?;
-        positive("value_learning_rate", self.value_learning_rate)?;
-        counted("epochs", self.epochs)?;
-        counted("minibatch_size", self.minibatch_size)?;
-        counted("value_epochs", self.value_epochs)?;
-        counted("value_minibatch_size", self.value_minibatch_size)?;
-        self.hidden.iter().try_for_each(|width| counted("hidden", *width))
+        let mut faults = Faults::default();
+        self.review(&mut faults);
+        faults.end()
+    }
+
+    /// Notes the settings outside their range.
+    pub(crate) fn review(&self, faults: &mut Faults) {
+        let (gamma, lambda, clip) = (self.gamma, self.gae_lambda, self.clip_range);
+        faults.rule("gamma", gamma, "a number in [0, 1)", (0.0..1.0).contains(&gamma));
+        faults.rule("gae_lambda", lambda, "a number in [0, 1]", (0.0..=1.0).contains(&lambda));
+        faults.rule("clip_range", clip, "a number in (0, 1)", clip > 0.0 && clip < 1.0);
+        let (hinge, log_variance) = (self.kl_hinge, self.initial_log_variance);
+        faults.rule("kl_hinge", hinge, "a number in [0, 1e9]", (0.0..=1e9).contains(&hinge));
+        let expected = "a number in [-40, 40]";
+        faults.rule("initial_log_variance", log_variance, expected, (-40.0..=40.0).contains(&log_variance));
+        faults.positive("code_scale", self.code_scale, 1e6);
+        faults.positive("kl_target", self.kl_target, 1e6);
+        faults.positive("kl_stop", self.kl_stop, 1e9);
+        faults.positive("learning_rate", self.learning_rate, 1.0);
+        faults.positive("value_learning_rate", self.value_learning_rate, 1.0);
+        let factor = self.max_lr_factor;
+        faults.rule("max_lr_factor", factor, "a number in [1, 1e6]", (1.0..=1e6).contains(&factor));
+        for (key, value) in [
+            ("epochs", self.epochs),
+            ("minibatch_size", self.minibatch_size),
+            ("value_epochs", self.value_epochs),
+            ("value_minibatch_size", self.value_minibatch_size),
+        ] {
+            faults.count(key, value as u64, MOST_COUNT);
+        }
+        for (layer, &width) in self.hidden.iter().enumerate() {
+            faults.count(&format!("hidden[{layer}]"), width as u64, MOST_WIDTH);
+        }
     }
 }
 
@@ -169,9 +182,9 @@ mod tests {
     #[test]
     fn settings_outside_their_range_are_refused_by_name() {
         let bad = PpoConfig { gamma: 1.0, ..PpoConfig::default() };
-        assert_eq!(bad.check().unwrap_err().to_string(), "gamma is 1, expected a number in [0, 1)");
+        assert_eq!(bad.check().unwrap_err().to_string(), "`gamma` is 1, expected a number in [0, 1)");
         let bad = PpoConfig { learning_rate: f64::NAN, ..PpoConfig::default() };
-        assert!(bad.check().unwrap_err().to_string().starts_with("learning_rate is NaN"));
+        assert!(bad.check().unwrap_err().to_string().starts_with("`learning_rate` is NaN"));
         let bad = PpoConfig { hidden: vec![100, 0], ..PpoConfig::default() };
         assert!(bad.check().is_err());
     }

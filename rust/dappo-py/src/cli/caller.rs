@@ -24,9 +24,12 @@ pub enum Caller {
 }
 
 impl Caller {
-    /// Hands an object over. One that cannot be written as JSON, or that nobody waits for, is no error of the command.
+    /// Hands an object over. One that nobody waits for is no error of the command.
     pub fn object(&self, object: &impl Serialize) {
-        let Ok(text) = serde_json::to_string(object) else { return };
+        let text = match serde_json::to_string(object) {
+            Ok(text) => text,
+            Err(error) => return console::remember(Err(error.into())),
+        };
         match self {
             Self::Terminal => console::print_line(&text),
             Self::Program { objects, .. } => {

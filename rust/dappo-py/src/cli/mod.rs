@@ -33,17 +33,21 @@ const INTERRUPTED: i32 = 130;
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
-    let cli = match parse(&argv) {
-        Ok(cli) => cli,
+    let code = match parse(&argv) {
+        Ok(cli) => {
+            let outcome = run(py, &cli, &argv, &Caller::Terminal);
+            outcome.unwrap_or_else(|error| report(py, &error))
+        }
         Err(error) => {
-            // Writing to a closed terminal can fail; the exit code still says what happened.
-            let _ = error.print();
             let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
-            return if asked { 0 } else { BAD_USAGE };
+            let printed = error.print();
+            if asked {
+                console::remember(printed);
+            }
+            if asked { 0 } else { BAD_USAGE }
         }
     };
-    let outcome = run(py, &cli, &argv, &Caller::Terminal);
-    let code = outcome.unwrap_or_else(|error| report(py, &error));
+    let code = if console::finish() || code != 0 { code } else { FAILED };
     // A Ctrl-C that a command has answered by itself still waits in Python, which would end with a trace.
     if py.check_signals().is_err() { INTERRUPTED } else { code }
 }
@@ -75,7 +79,10 @@ pub fn run(py: Python<'_>, cli: &Cli, argv: &[OsString], caller: &Caller) -> PyR
 }
 
 fn forward(py: Python<'_>, module: &str, arguments: &ForwardedArgs) -> PyResult<i32> {
-    py.import(module)?.call_method1("main", (arguments.arguments.clone(),))?.extract()
+    let main = py.import(module)?.getattr("main")?;
+    py.import("dappo_batch.commands.output")?
+        .call_method1("written", (main, arguments.arguments.clone()))?
+        .extract()
 }
 
 /// Prints an error and chooses the exit code. Our own exceptions explain themselves; others keep their trace.

@@ -2,13 +2,16 @@
 
 use std::path::Path;
 
+use dappo_learn::LearnError;
 use dappo_learn::config::{Config, Layers};
+use dappo_learn::envs::EnvFactory;
 use dappo_sim::{BackendKind, Device, Precision, SimError};
 use pyo3::prelude::*;
 
 use super::args::{ConfigArgs, SimulationArgs};
 use super::console;
-use crate::errors::{Kind, from_learn, raise};
+use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::factory::TableFactory;
 use crate::warp;
 
 /// The resolved configuration of a new run.
@@ -39,7 +42,7 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
 fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Result<()> {
     if let Some(path) = &arguments.config {
         let text = std::fs::read_to_string(path)
-            .map_err(|source| dappo_learn::LearnError::Io { path: path.clone(), source })?;
+            .map_err(|error| LearnError::Invalid(format!("cannot read {}: {error}", path.display())))?;
         layers.add_toml(&text, &path.display().to_string())?;
     }
     for (key, value) in [
@@ -77,6 +80,29 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     Ok(())
 }
 
+/// Settles the devices and compiles the robot of a training. All that can be known to be wrong is refused here, before
+/// there is a run folder.
+pub fn ready(py: Python<'_>, config: &mut Config) -> PyResult<TableFactory> {
+    config.env.device = training_device(config).map_err(|error| from_sim(&error))?;
+    config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
+    config.ppo.device.open().map_err(|error| from_learn(&error))?;
+    let factory = TableFactory::compile(py, config)?;
+    check_robot(config, &factory).map_err(|error| from_sim(&error))?;
+    Ok(factory)
+}
+
+/// Checks what only the robot can tell: the name of the reward, the damages of every stage, and the memory.
+fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> {
+    factory.robot().reward(config.env.reward.as_deref())?;
+    for (index, stage) in config.curriculum.iter().enumerate() {
+        // A run that could not enter a later stage leaves no folder behind either.
+        stage.mix.distribution(factory.space()).map_err(|error| {
+            SimError::Config(format!("`curriculum[{index}].mix` cannot be used: {error}"))
+        })?;
+    }
+    factory.check_memory(config)
+}
+
 /// The device that a training means. Who asks for a backend of the CPU, or for its double precision, means the CPU.
 pub fn training_device(config: &Config) -> Result<Device, SimError> {
     let is_for_the_cpu = config.env.backend != BackendKind::Auto || config.env.precision == Precision::F64;
@@ -106,8 +132,8 @@ pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_l
 /// `dappo-batch config`: prints the resolved configuration.
 pub fn print(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<i32> {
     let config = resolve(py, arguments)?;
-    // Loading the robot checks its name, so that a typing error shows here and not in the training.
-    py.import("dappo_batch.robots")?.call_method1("load_robot", (&config.robot,))?;
+    // What the training would refuse is refused here too.
+    ready(py, &mut config.clone())?;
     console::print(&config.to_toml().map_err(|error| raise(Kind::Config, error.to_string()))?);
     Ok(0)
 }

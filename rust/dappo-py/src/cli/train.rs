@@ -13,18 +13,16 @@ use dappo_learn::evaluate::Encoding;
 use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::train;
-use dappo_sim::SimError;
 use pyo3::prelude::*;
 
 use super::args::TrainArgs;
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
 use super::{Caller, INTERRUPTED, console, policy, settings};
-use crate::errors::{from_learn, from_sim};
+use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
-use crate::warp;
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
@@ -33,12 +31,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
-    // What cannot be used is to be known before there is a run folder.
-    config.env.device = settings::training_device(&config).map_err(|error| from_sim(&error))?;
-    config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
-    config.ppo.device.open().map_err(|error| from_learn(&error))?;
     let pool = Pool::new(config.env.threads)?;
-    let factory = TableFactory::compile(py, &config)?;
+    let factory = settings::ready(py, &mut config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
     let resume = resumed.is_some();
@@ -131,8 +125,6 @@ fn create(
     argv: &[OsString],
     threads: usize,
 ) -> PyResult<LockedRun> {
-    // A run that could not begin, or could not enter a later stage, leaves no folder behind.
-    check_names(config, factory).map_err(|error| from_sim(&error))?;
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
     let robot = factory.robot().name.clone();
     let root = arguments
@@ -152,12 +144,6 @@ fn create(
     };
     let robot = RobotCopy::of(py, config)?.to_keep(py)?;
     RunFolder::create(&root, config, &meta, &robot).map_err(|error| from_learn(&error))
-}
-
-/// Checks what only the robot can tell: the name of the reward and the damages of every stage.
-fn check_names(config: &Config, factory: &TableFactory) -> Result<(), SimError> {
-    factory.robot().reward(config.env.reward.as_deref())?;
-    config.curriculum.iter().try_for_each(|stage| stage.mix.distribution(factory.space()).map(|_| ()))
 }
 
 fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {

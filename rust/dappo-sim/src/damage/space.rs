@@ -16,6 +16,8 @@ pub struct DamageSpace {
 
 /// A guard against a mistyped parameter, not a limit of the method: each class is a compiled model.
 const MAX_CLASSES: u128 = 100_000;
+/// The same for limbs × types.
+const MAX_CODE_LENGTH: usize = 4096;
 
 impl DamageSpace {
     /// Enumerates the classes.
@@ -38,10 +40,16 @@ impl DamageSpace {
                 return Err(SimError::Config(format!("damage type `{name}` is listed twice")));
             }
         }
+        if limbs.saturating_mul(types.len().max(1)) > MAX_CODE_LENGTH {
+            return Err(SimError::Config(format!(
+                "{limbs} limbs and {} damage types make a damage code of more than {MAX_CODE_LENGTH} bits",
+                types.len()
+            )));
+        }
         let count = count_classes(limbs, types.len(), max_damaged_limbs);
         if count > MAX_CLASSES {
             return Err(SimError::Config(format!(
-                "{limbs} limbs, {} damage types and up to {max_damaged_limbs} damaged limbs make {count} classes, \
+                "{limbs} limbs, {} damage types and up to {max_damaged_limbs} damaged limbs make {count} classes or more, \
                  at most {MAX_CLASSES} are possible",
                 types.len()
             )));
@@ -173,6 +181,9 @@ fn count_classes(limbs: usize, types: usize, max_damaged: usize) -> u128 {
     for j in 0..max_damaged {
         term = term.saturating_mul((limbs - j) as u128) / (j as u128 + 1);
         total = total.saturating_add(term.saturating_mul((types as u128).saturating_pow(j as u32 + 1)));
+        if total > MAX_CLASSES {
+            break;
+        }
     }
     total
 }

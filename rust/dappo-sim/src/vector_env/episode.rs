@@ -17,11 +17,12 @@ pub struct Onset {
 
 impl Onset {
     pub(super) fn check(self) -> Result<(), SimError> {
-        if self.first <= self.last {
+        // Steps are counted in signed numbers where others see them.
+        if self.first <= self.last && i64::try_from(self.last).is_ok() {
             return Ok(());
         }
         Err(SimError::Config(format!(
-            "onset is ({}, {}), expected (first, last) in order",
+            "onset is ({}, {}), expected (first, last) in order and below 2^63",
             self.first, self.last
         )))
     }

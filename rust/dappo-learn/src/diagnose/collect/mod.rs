@@ -5,12 +5,14 @@ mod pairs;
 use std::path::Path;
 
 use dappo_sim::Backend;
+use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
 
-use super::dataset::{Header, Part, PolicyId, Shard};
+use super::dataset::{Header, Part, PolicyId, Shard, check_piece};
 use super::{Expert, Preset, Subject};
+use crate::config::Faults;
 use crate::envs::EnvFactory;
-use crate::error::{LearnError, Result};
+use crate::error::Result;
 use crate::simulator::Compute;
 use pairs::Pairs;
 
@@ -108,17 +110,24 @@ pub fn collect(
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
     config.check()?;
+    let classes = factory.space().classes().len();
     let range = config.shard.range(config.rollouts);
+    Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;
     let keys = &env_keys(config.seed, range.end)[range.clone()];
-    let block = (ENVS / factory.space().classes().len()).clamp(1, keys.len().max(1));
+    let block = (ENVS / classes).clamp(1, keys.len().max(1));
     let mut pairs = Pairs::new(config, factory, expert, walker, block)?;
     let header = header(config, factory, expert, walker, pairs.backend());
+    // Two blocks at a time, and the bytes of one.
+    Bytes::of(3 * block, header.record_bytes() as usize)
+        .require(&format!("{block} rollouts of {classes} damage classes with {} steps", config.timesteps))?;
     header.write_or_match(folder)?;
+    check_piece(folder, &header, &range)?;
     let mut part = Part::open(folder, &header, range.start)?;
     let missing = keys.len().saturating_sub(part.count());
-    observer.begin(missing, missing as u64 * header.record_bytes())?;
+    observer.begin(missing, (missing as u64).saturating_mul(header.record_bytes()))?;
     let mut ready = Vec::new();
-    for next in keys[part.count()..].chunks(block) {
+    // An earlier command may have collected more than this one asks for.
+    for next in keys.get(part.count()..).unwrap_or_default().chunks(block) {
         // The disk takes one block while the next is simulated.
         let (simulated, appended) = rayon::join(|| pairs.simulate(next), || part.append(&ready));
         appended?;
@@ -137,11 +146,10 @@ pub fn collect(
 impl CollectConfig {
     fn check(&self) -> Result<()> {
         self.preset.timing.check()?;
+        let mut faults = Faults::default();
         for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
-            if value == 0 {
-                return Err(LearnError::Config { key, got: "0".into(), expected: "at least 1" });
-            }
+            faults.count(key, value as u64, i32::MAX as u64);
         }
-        Ok(())
+        faults.end()
     }
 }

@@ -16,8 +16,10 @@
 mod header;
 mod npy;
 mod part;
+mod pieces;
 mod reader;
 
 pub use header::{Header, PolicyId};
 pub use part::{Part, Record, Shard};
+pub use pieces::check_piece;
 pub use reader::Dataset;

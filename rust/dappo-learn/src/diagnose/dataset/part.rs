@@ -37,7 +37,8 @@ impl Shard {
     /// The rollouts of this piece.
     #[must_use]
     pub fn range(self, rollouts: usize) -> Range<usize> {
-        self.index * rollouts / self.count..(self.index + 1) * rollouts / self.count
+        let first = |index: usize| (index as u128 * rollouts as u128 / self.count as u128) as usize;
+        first(self.index)..first(self.index + 1)
     }
 }
 

@@ -185,6 +185,6 @@ impl Shelf {
 }
 
 /// The number in the name of a file of records.
-fn first_rollout(path: &Path) -> Option<usize> {
+pub(super) fn first_rollout(path: &Path) -> Option<usize> {
     path.file_name()?.to_str()?.strip_prefix("rollouts-")?.strip_suffix(".npy")?.parse().ok()
 }

@@ -29,6 +29,12 @@ fn partition_rows(rows: usize) -> usize {
     rows.div_ceil(4).next_multiple_of(fewest).min(most)
 }
 
+/// Number of partitions of a minibatch, each of which sums a gradient of its own.
+#[must_use]
+pub fn partitions(rows: usize) -> usize {
+    rows.div_ceil(partition_rows(rows.max(1)))
+}
+
 /// Number of weights and biases of an MLP of these sizes.
 #[must_use]
 pub fn parameter_count(sizes: &[usize]) -> usize {

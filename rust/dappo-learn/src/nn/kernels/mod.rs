@@ -16,4 +16,4 @@ mod product;
 mod reduce;
 
 pub use level::Level;
-pub use mlp::{MlpPass, forward, parameter_count};
+pub use mlp::{MlpPass, forward, parameter_count, partitions};

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{ControllerArgs, RobotArgs, SimulationArgs, at_least};
+use super::{ControllerArgs, RobotArgs, SimulationArgs, at_least, count};
 
 /// Arguments of `adapt`.
 #[derive(Debug, Args)]
@@ -25,10 +25,10 @@ pub struct AdaptArgs {
     #[arg(long, conflicts_with = "damage")]
     pub all_classes: bool,
     /// Step at which the damage strikes
-    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = at_least(1), default_value = "300")]
+    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = count(1), default_value = "300")]
     pub at: i64,
     /// Episodes a damage class
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "20")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), default_value = "20")]
     pub episodes: i64,
     /// Seed of the initial states
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use dappo_learn::diagnose::Preset;
 
-use super::{RobotArgs, SimulationArgs, at_least};
+use super::{RobotArgs, SimulationArgs, at_least, count, threads, within};
 
 const METHODS: [&str; 4] = ["A", "B", "C", "D"];
 
@@ -41,10 +41,10 @@ pub struct CollectArgs {
     #[arg(long, value_name = "DATA")]
     pub out: PathBuf,
     /// Rollouts, each with all damage classes from one start
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "1000")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), default_value = "1000")]
     pub rollouts: i64,
     /// Steps that are recorded
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = at_least(1), default_value = "50")]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = count(1), default_value = "50")]
     pub timesteps: i64,
     /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
     /// twin that is put beside the robot before every step (residual)
@@ -108,10 +108,10 @@ pub struct TrainDiagnoserArgs {
     #[arg(long, value_parser = METHODS)]
     pub method: Option<String>,
     /// Steps that it sees [default: all of the data]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = count(1))]
     pub timesteps: Option<i64>,
     /// Rollouts that are used, a fifth of them to validate on [default: all]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(2))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(2))]
     pub rollouts: Option<i64>,
     /// Seed of split, weights and order
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
@@ -126,7 +126,7 @@ pub struct TrainDiagnoserArgs {
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
     pub set: Vec<String>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
     pub threads: Option<i64>,
     /// Print one JSON object an epoch instead of a progress bar
     #[arg(long)]
@@ -146,13 +146,13 @@ pub struct TestDiagnoserArgs {
     #[arg(long, value_name = "RUN")]
     pub policy: Option<PathBuf>,
     /// Episodes a pair of true and named class, for --policy [default: the run's]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), requires = "policy")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), requires = "policy")]
     pub episodes: Option<i64>,
     /// The robot, for --policy.
     #[command(flatten)]
     pub robot: RobotArgs,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
     pub threads: Option<i64>,
     /// Print JSON
     #[arg(long)]
@@ -175,19 +175,19 @@ pub struct SweepArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "6291456")]
     pub expert_steps: i64,
     /// Window lengths
-    #[arg(long, value_delimiter = ',', value_parser = at_least(1), default_value = "10,30,50")]
+    #[arg(long, value_delimiter = ',', value_parser = count(1), default_value = "10,30,50")]
     pub timesteps: Vec<i64>,
     /// What the networks see
     #[arg(long, value_delimiter = ',', value_parser = METHODS, default_value = "A,B")]
     pub methods: Vec<String>,
     /// Numbers of rollouts
-    #[arg(long, value_delimiter = ',', value_parser = at_least(2), default_value = "1000,2000,7000")]
+    #[arg(long, value_delimiter = ',', value_parser = count(2), default_value = "1000,2000,7000")]
     pub rollouts: Vec<i64>,
     /// Rollouts, of another seed, that all cells are tested on
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(2), default_value = "500")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(2), default_value = "500")]
     pub test_rollouts: i64,
     /// Seeds of every cell
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "5")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1, 10_000), default_value = "5")]
     pub seeds: i64,
     /// Samples that a cell is trained on, about, counting each time it is seen
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "600000")]
@@ -200,6 +200,6 @@ pub struct SweepArgs {
     pub changed: RobotArgs,
     /// Cells trained side by side, each on one thread, and worker threads of what comes before them
     /// [default: the number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
     pub jobs: Option<i64>,
 }

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::LearnerDevice;
+use dappo_learn::config::MOST_THREADS;
 use dappo_learn::evaluate::Encoding;
 
 pub use adapt::AdaptArgs;
@@ -69,10 +70,25 @@ pub enum Command {
 
 /// Reads a number with a lower bound; TOML, which the configuration is written in, ends at 2⁶³ − 1.
 fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
+    within(minimum, i64::MAX)
+}
+
+/// Reads a number between two bounds.
+fn within(minimum: i64, maximum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
     move |text| {
-        let number = text.parse().ok().filter(|&number| number >= minimum);
-        number.ok_or_else(|| format!("expected a whole number of at least {minimum}"))
+        let number = text.parse().ok().filter(|number| (minimum..=maximum).contains(number));
+        number.ok_or_else(|| format!("expected a whole number of at least {minimum} and at most {maximum}"))
     }
+}
+
+/// Reads a number of threads or processes.
+fn threads() -> impl Fn(&str) -> Result<i64, String> + Clone {
+    within(1, MOST_THREADS as i64)
+}
+
+/// Reads a number of things that are counted with 31 bits.
+fn count(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
+    within(minimum, i64::from(i32::MAX))
 }
 
 const DEVICES: [&str; 4] = ["auto", "cpu", "cuda", "warp-cpu"];
@@ -89,7 +105,7 @@ pub struct ConfigArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Number of envs simulated at once
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1))]
     pub envs: Option<i64>,
     /// Env steps of the whole run
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
@@ -110,7 +126,7 @@ pub struct ConfigArgs {
     #[arg(long, value_parser = LearnerDevice::ALL.map(LearnerDevice::name))]
     pub learner: Option<String>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
     pub threads: Option<i64>,
     /// Hide the damage code from the policy (PPO-Unaware)
     #[arg(long)]
@@ -170,7 +186,7 @@ pub struct SimulationArgs {
     #[arg(long, value_parser = PRECISIONS)]
     pub precision: Option<String>,
     /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
     pub threads: Option<i64>,
 }
 
@@ -194,7 +210,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_parser = Encoding::ALL.map(Encoding::name), default_value = Encoding::True.name())]
     pub encoding: String,
     /// Episodes a damage class [default: the run's]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1))]
     pub episodes: Option<i64>,
     /// Seed of the initial states [default: the run's]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]

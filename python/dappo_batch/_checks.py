@@ -1,0 +1,195 @@
+"""Checks of what users pass: a wrong type or value is a `ConfigError`, a wrong shape a `ShapeError`."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from os import PathLike, fsdecode, fsencode
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch._core import ConfigError, ShapeError
+
+__all__ = [
+    "array",
+    "boolean",
+    "choice",
+    "finite",
+    "flags",
+    "folder",
+    "integer",
+    "items",
+    "mapping",
+    "real",
+    "sequence",
+    "shown",
+    "text",
+]
+
+Float = TypeVar("Float", np.float32, np.float64)
+
+MOST = 2**63 - 1
+"""The largest integer that the native code takes."""
+
+
+def shown(value: object) -> str:
+    """Return a value for an error message, shortened."""
+    try:
+        text = repr(value)
+    except Exception:
+        text = f"an object of type {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def integer(value: object, what: str, minimum: int, maximum: int = MOST) -> int:
+    """Return `value` as an int, refusing floats and booleans.
+
+    Raises
+    ------
+    ConfigError
+        If `value` is not an integer or lies outside its range.
+    """
+    if isinstance(value, bool | np.bool_):
+        raise ConfigError(f"{what} must be an integer, got {value!r}")
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise ConfigError(f"{what} must be an integer, got {shown(value)}") from None
+    if number < minimum:
+        raise ConfigError(f"{what} must be at least {minimum}, got {shown(number)}")
+    if number > maximum:
+        raise ConfigError(f"{what} must be at most {maximum}, got {shown(number)}")
+    return number
+
+
+def real(value: object, what: str) -> float:
+    """Return `value` as a finite float."""
+    if isinstance(value, bool | np.bool_ | str | bytes):
+        raise ConfigError(f"{what} must be a number, got {shown(value)}")
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        raise ConfigError(f"{what} must be a number, got {shown(value)}") from None
+    if not np.isfinite(number):
+        raise ConfigError(f"{what} must be finite, got {number}")
+    return number
+
+
+def boolean(value: object, what: str) -> bool:
+    """Return `value` as a bool; nothing but booleans is one."""
+    if not isinstance(value, bool | np.bool_):
+        raise ConfigError(f"{what} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
+def text(value: object, what: str) -> str:
+    """Return `value` as a str that can be written as UTF-8."""
+    if not isinstance(value, str):
+        raise ConfigError(f"{what} must be a str, got {shown(value)}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise ConfigError(f"{what} cannot be written as UTF-8, got {shown(value)}") from None
+    return str(value)
+
+
+def choice(value: object, what: str, choices: Sequence[str]) -> str:
+    """Return `value`, which must be one of `choices`."""
+    if not isinstance(value, str) or value not in choices:
+        raise ConfigError(f"{what} must be one of {', '.join(map(repr, choices))}, got {shown(value)}")
+    return str(value)
+
+
+def folder(value: object, what: str) -> Path:
+    """Return the path of a file or folder."""
+    if isinstance(value, str | bytes | PathLike):
+        path = fsdecode(value)
+        # Bytes that are no UTF-8 are lone surrogates in Python, and a path may hold some; others it may not.
+        with suppress(UnicodeEncodeError):
+            if path and b"\0" not in fsencode(path):
+                return Path(path)
+    raise ConfigError(f"{what} must be a path, got {shown(value)}")
+
+
+def mapping(value: object, what: str) -> Mapping[Any, Any]:
+    """Return `value`, which must be a mapping."""
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{what} must be a mapping such as a dict, got {shown(value)}")
+    return value
+
+
+def sequence(value: object, what: str) -> Sequence[Any]:
+    """Return `value`, which must be a sequence; a text is none."""
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray):
+        raise ConfigError(f"{what} must be a sequence such as a list, got {shown(value)}")
+    return value
+
+
+def items(value: Any) -> list[Any] | None:  # noqa: ANN401 - whatever a user passes
+    """Return the items of a sequence or of an array of any library; None for a single value, as a text is."""
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
+        return list(value)
+    return list(value) if isinstance(getattr(value, "ndim", None), int) and value.ndim > 0 else None
+
+
+def array(value: object, what: str, dtype: type[Float]) -> NDArray[Float]:
+    """Return real numbers as a C-contiguous array, without copying what already is one.
+
+    Raises
+    ------
+    ShapeError
+        If `value` is no array, for example because its rows differ in length.
+    ConfigError
+        If its entries are not real numbers.
+    """
+    try:
+        found = np.asarray(value)
+    except Exception as error:
+        raise ShapeError(f"{what}: got no array but {shown(value)}: {error}") from None
+    if found.dtype != dtype:
+        if not np.can_cast(found.dtype, dtype, casting="same_kind"):
+            raise ConfigError(
+                f"{what}: expected {np.dtype(dtype)} or a type that converts to it, got {found.dtype}"
+            )
+        with np.errstate(over="ignore"):  # too large becomes infinite, which is refused by name
+            found = found.astype(dtype)
+    # Of an array without dimensions `ascontiguousarray` would make one with one.
+    return np.ascontiguousarray(found) if found.ndim else found
+
+
+def flags(value: object, what: str, count: int) -> NDArray[np.bool_]:
+    """Return `count` booleans as an array.
+
+    Raises
+    ------
+    ShapeError
+        If there are not so many.
+    ConfigError
+        If they are no booleans.
+    """
+    try:
+        found = np.asarray(value)
+    except Exception as error:
+        raise ShapeError(f"{what}: got no array but {shown(value)}: {error}") from None
+    if found.shape != (count,):
+        raise ShapeError(f"{what}: expected shape ({count},), got {found.shape}")
+    if found.dtype != np.bool_:
+        raise ConfigError(f"{what}: expected booleans, got {found.dtype}")
+    return np.ascontiguousarray(found)
+
+
+def finite(values: NDArray[Any], what: str) -> None:
+    """Refuse an array that holds a number that is not finite.
+
+    Raises
+    ------
+    ConfigError
+        If a number is NaN or infinite.
+    """
+    if not np.isfinite(values).all():
+        at = tuple(int(index) for index in np.argwhere(~np.isfinite(values))[0])
+        raise ConfigError(f"{what} must be finite, got {values[at]} at {list(at)}")
