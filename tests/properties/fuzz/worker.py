@@ -1,0 +1,136 @@
+"""A process that tries one input after the other, and may die of one.
+
+What it is doing stands in a file that its supervisor maps, too; so the supervisor knows what it has died of.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import mmap
+import os
+import resource
+import shutil
+import signal
+import struct
+import sys
+import time
+import warnings
+from hashlib import sha256
+from pathlib import Path
+from random import Random
+
+from .judge import Fault, Output, attempt
+from .room import Room
+from .targets import TARGETS
+
+ADDRESS_SPACE = 8 << 30
+LARGEST_FILE = 256 << 20
+ENDED = 3
+"""Exit code of a worker that has done its share, or grown too large, and wants a successor."""
+_SHARE = 20_000
+_LARGEST_MEMORY = 1_500 << 20
+_NOW = struct.Struct("<Qqdd")  # number of the case, its target (-1: none), and when it began
+
+
+class Board:
+    """Where a worker stands and what it has counted, in a file that two processes map."""
+
+    def __init__(self, path: Path) -> None:
+        size = _NOW.size + 16 * len(TARGETS)
+        if not path.exists():
+            path.write_bytes(_NOW.pack(0, -1, 0.0, 0.0) + bytes(16 * len(TARGETS)))
+        with path.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), size)
+
+    def begin(self, number: int, target: int) -> None:
+        """Note that a case begins; target -1 for none."""
+        _NOW.pack_into(self._map, 0, number, target, time.time(), time.process_time())
+
+    @property
+    def now(self) -> tuple[int, int, float, float]:
+        """Number of the case, its target, when it began, and the processor seconds of the process then."""
+        number, target, began, used = _NOW.unpack_from(self._map, 0)
+        return number, target, began, used
+
+    def count(self, target: int, accepted: bool) -> None:
+        """Count an input that was accepted or refused."""
+        at = _NOW.size + 16 * target + 8 * accepted
+        struct.pack_into("<Q", self._map, at, struct.unpack_from("<Q", self._map, at)[0] + 1)
+
+    def counts(self) -> dict[str, tuple[int, int]]:
+        """Return refused and accepted inputs by target."""
+        pairs = struct.iter_unpack("<QQ", self._map[_NOW.size :])
+        return dict(zip(TARGETS, pairs, strict=True))
+
+
+def case_name(seed: int, worker: int, number: int) -> str:
+    """Return the name of a case, from which its input is made."""
+    return f"{seed}-{worker}-{number}"
+
+
+def target_of(case: str, names: list[str]) -> str:
+    """Choose the kind of input of a case."""
+    weights = [TARGETS[name][1] for name in names]
+    return Random(case).choices(names, weights)[0]
+
+
+def record(out: Path, target: str, case: str, fault: Fault, room: Path) -> None:
+    """Append a fault to the list; keep the input of the first few of a kind."""
+    entry = {
+        "kind": fault.kind,
+        "where": fault.where,
+        "what": fault.what[:300],
+        "target": target,
+        "case": case,
+    }
+    line = json.dumps({**entry, "signature": fault.signature}) + "\n"
+    with (out / "faults.jsonl").open("a") as file:
+        file.write(line)
+    kept = out / "inputs" / sha256(fault.signature.encode()).hexdigest()[:12]
+    kept.mkdir(parents=True, exist_ok=True)
+    if len(list(kept.iterdir())) < 3:
+        folder = kept / f"{target}-{case}"
+        shutil.copytree(room, folder / "files", ignore_dangling_symlinks=True, dirs_exist_ok=True)
+        (folder / "what.txt").write_text(f"{fault.signature}\n\n{fault.detail}", errors="backslashreplace")
+
+
+def main(out: Path, base: Path, seed: int, worker: int, names: list[str]) -> int:
+    """Try inputs until the share is done."""
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    warnings.simplefilter("ignore")
+    faulthandler.enable()
+    faulthandler.register(signal.SIGUSR1, all_threads=True)
+    board = Board(out / f"worker-{worker}.board")
+    output = Output(out / f"worker-{worker}.output")
+    room = Room(base, out / f"worker-{worker}.room")
+    order = list(TARGETS)
+    with output.caught():
+        output.take()
+        first = board.now[0]
+        for number in range(first, first + _SHARE):
+            case = case_name(seed, worker, number)
+            target = target_of(case, names)
+            index = order.index(target)
+            board.begin(number, index)
+            accepted, fault = attempt(target, case, room, output)
+            board.begin(number + 1, -1)
+            board.count(index, accepted)
+            if fault is not None:
+                record(out, target, case, fault, room.folder)
+            room.clear()
+            if number % 64 == 0 and _memory() > _LARGEST_MEMORY:
+                break
+    return ENDED
+
+
+def _memory() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+if __name__ == "__main__":
+    arguments = json.loads(sys.argv[1])
+    sys.exit(main(Path(arguments.pop("out")), Path(arguments.pop("base")), **arguments))
