@@ -19,13 +19,14 @@ from dappo_batch._core import run_cli
 
 from .fuzz.mutate import to_toml
 
-SPACES = st.builds(
-    DamageSpace,
-    st.integers(1, 5),
-    st.lists(
-        st.sampled_from(["jammed_joint", "missing_toe", "weak_motor"]), min_size=1, max_size=3, unique=True
-    ),
-    st.integers(1, 3),
+TYPES = ("jammed_joint", "missing_toe", "weak_motor")
+SPACES = st.integers(1, 5).flatmap(
+    lambda limbs: st.builds(
+        DamageSpace,
+        st.just(limbs),
+        st.lists(st.sampled_from(TYPES), min_size=1, max_size=3, unique=True),
+        st.integers(1, min(limbs, 3)),
+    )
 )
 SCALARS = st.one_of(
     st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False), st.text(max_size=9)
@@ -54,9 +55,8 @@ def test_names_and_codes_of_damage_classes_are_unique_and_read_back(space: Damag
 @given(SPACES)
 @settings(max_examples=60)
 def test_there_is_a_class_for_every_choice_of_limbs_and_types(space: DamageSpace) -> None:
-    limbs, types = space.limbs, len(space.types)
-    most = min(space.max_damaged_limbs, limbs)
-    assert len(space) == sum(math.comb(limbs, many) * types**many for many in range(most + 1))
+    types, limits = len(space.types), range(space.max_damaged_limbs + 1)
+    assert len(space) == sum(math.comb(space.limbs, many) * types**many for many in limits)
 
 
 @given(SPACES, st.randoms(use_true_random=False))
@@ -89,7 +89,7 @@ CONFIGS = st.fixed_dictionaries(
 )
 
 
-@given(CONFIGS)
+@given(config=CONFIGS)
 @settings(max_examples=60)
 def test_a_configuration_prints_as_what_it_was_set_to_and_reads_back_equal(
     config: dict[str, Any], tmp_path_factory: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]

@@ -142,14 +142,14 @@ def scalar(value: Any) -> str:  # noqa: ANN401
         return "true" if value else "false"
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else str(value)
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def to_toml(value: Any, top: bool = True) -> str:  # noqa: ANN401
     """Return a tree as TOML, everything below the first level inline; what TOML cannot write is left out."""
     if isinstance(value, dict):
         pairs = [
-            f"{json.dumps(str(key), ensure_ascii=False)} = {to_toml(item, top=False)}"
+            f"{scalar(str(key))} = {to_toml(item, top=False)}"
             for key, item in value.items()
             if item is not None
         ]
