@@ -11,6 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from dappo_batch import ClassTable
 from dappo_batch._core import run_cli, run_command
 
 ROBOT = Path(__file__).parents[2] / "python" / "robots"
@@ -123,6 +124,8 @@ def _stop(_: object) -> bool:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, ClassTable):
+        return f"<the classes of {value.robot.path}>"
     try:
         return repr(value)[:2000]
     except Exception as error:  # whatever an odd object does
