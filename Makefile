@@ -9,9 +9,10 @@ MATURIN := $(UV) run --locked --isolated --only-group wheels maturin
 CARGO_FLAGS := --release --workspace --locked
 # Tests run in this many processes, a file in one of them.
 WORKERS ?= 2
+MINUTES ?= 60
 PYTEST := $(RUN) pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help setup train test test-fast test-rust test-python lint format bench docs pictures wheels clean
+.PHONY: help setup train test test-fast test-rust test-python fuzz lint format bench docs pictures wheels clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -37,6 +38,9 @@ test-rust: ## Rust tests, in the profile that the extension is built in
 
 test-python: setup ## Python tests
 	$(PYTEST)
+
+fuzz: setup ## Try odd inputs for an hour, or for MINUTES
+	$(RUN) python -m tests.properties.fuzz --minutes $(MINUTES)
 
 lint: setup ## Formatting, lints and types of both languages
 	cargo fmt --all --check

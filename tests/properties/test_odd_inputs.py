@@ -46,5 +46,7 @@ def test_an_odd_input_ends_in_a_result_or_an_error_that_says_what_is_wrong(
         assert fault is None, f"{fault.signature}\n{fault.detail}"
 
     check()
-    # Inputs that are all refused at the first look would show nothing.
-    assert not all(seen)
+    if len(seen) > 20:
+        # Inputs that are all refused at the first look would show little, and so would valid ones.
+        assert any(seen)
+        assert not all(seen)

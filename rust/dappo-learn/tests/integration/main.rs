@@ -10,4 +10,5 @@ mod evaluation;
 mod fused_lstm;
 mod fused_mlp;
 mod ppo;
+mod properties;
 mod run_folder;

@@ -3,4 +3,5 @@
 #![allow(clippy::unwrap_used, clippy::float_cmp, reason = "helpers of a test may fail loudly, as tests do")]
 
 mod counter;
+mod properties;
 mod vector_env;

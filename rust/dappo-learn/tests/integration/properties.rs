@@ -1,7 +1,5 @@
 //! What holds for every input: configurations, checkpoints, records and statistics, valid or not.
 
-#![allow(clippy::unwrap_used, missing_docs)]
-
 use std::path::PathBuf;
 
 use dappo_learn::Normalizer;
@@ -15,7 +13,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-const SMOKE: &str = include_str!("../../../configs/smoke.toml");
+const SMOKE: &str = include_str!("../../../../configs/smoke.toml");
 /// Bytes of the header of an env state.
 const HEADER: usize = 32;
 

@@ -1,14 +1,12 @@
 //! What holds for every input: damage classes, class weights and robot files, valid or not.
 
-#![allow(clippy::unwrap_used, missing_docs)]
-
 use dappo_sim::curriculum::{ClassDistribution, ClassMix, Stage, stage_at};
 use dappo_sim::{DamageSpace, Robot};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-const TRIPOD: &str = include_str!("../../../tests/python/robots/tripod.toml");
+const TRIPOD: &str = include_str!("../../../../tests/python/robots/tripod.toml");
 
 /// The same inputs in every run.
 fn cases(cases: u32) -> ProptestConfig {
