@@ -17,7 +17,14 @@ from .fuzz.targets import TARGETS
 
 # Roughly equal times.
 EXAMPLES = {"robot": 40, "table": 30, "environment": 60, "functions": 20, "command_line": 60, "report": 3}
-EXAMPLES |= {"run_folder": 60, "diagnoser_folder": 60, "dataset": 40, "export_folder": 60, "single_env": 3}
+EXAMPLES |= {
+    "run_folder": 60,
+    "diagnoser_folder": 60,
+    "dataset": 40,
+    "export_folder": 60,
+    "single_env": 3,
+    "sweep": 8,
+}
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -16,7 +14,6 @@ import dappo_batch
 from dappo_batch.render import Walk
 
 from . import mutate, values
-from .files import WORK
 from .room import Room
 
 TYPES = ("jammed_joint", "missing_toe", "weak_motor")
@@ -179,52 +176,6 @@ def objects(rng: Random, room: Room) -> None:
         room.call(
             loader, rng.choice((values.anything(rng), room.base / rng.choice(("run", "export", "pairs"))))
         )
-
-
-def functions(rng: Random, room: Room) -> None:
-    """Call the commands' functions with odd arguments."""
-    name, function, arguments, options = rng.choice(_calls(room.base))
-    chosen = _options(rng, options)
-    for key in chosen.keys() & {"steps", "episodes", "rollouts"}:  # a long training is no mistake
-        if isinstance(chosen[key], int | np.integer) and chosen[key] > 100:
-            chosen[key] = 3
-    if isinstance(chosen.get("set"), dict):
-        chosen["set"] = {key: value for key, value in chosen["set"].items() if not _is_work(key)}
-    if name != "adapt":  # which has no callback
-        chosen["callback"] = _stop
-    arguments = copy.deepcopy(arguments)
-    if rng.random() < 0.3:
-        arguments[rng.randrange(len(arguments))] = values.anything(rng)
-    room.call(function, *arguments, **{"threads": 1, **chosen})
-
-
-def _is_work(key: object) -> bool:
-    return any(word in str(key) for word in WORK)
-
-
-def _stop(_: object) -> bool:
-    return False
-
-
-def _calls(base: Path) -> list[tuple[str, Callable[..., Any], list[Any], dict[str, Any]]]:
-    run, pairs = base / "run", base / "pairs"
-    tiny = {"ppo.hidden": [4], "horizon": 8, "evaluation.episodes": 1, "damage": {"max_damaged_limbs": 1}}
-    training: dict[str, Any] = {
-        **{"robot": str(base / "robot" / "tripod.toml"), "envs": 2, "steps": 16, "seed": 1, "unaware": True},
-        **{"healthy": False, "reward": "paper", "physics": "euler", "backend": "lanes", "precision": "f32"},
-        **{"set": tiny, "learner": "cpu", "device": "cpu"},
-    }
-    network = {"epochs": 1, "embedding": 3, "lstm": 3, "hidden": [3]}
-    learning: dict[str, Any] = {"method": "A", "timesteps": 2, "rollouts": 4, "seed": 1, "head": "limbs"}
-    acting: dict[str, Any] = {
-        **{"damage": "missing_toe@0", "at": 1, "episodes": 1, "seed": 1, "expert": run, "unaware": run},
-        **{"controller": {"cooldown": 3}, "backend": "mujoco", "precision": "f64", "log": "log.csv"},
-    }
-    return [
-        ("train", dappo_batch.train, ["out"], training),
-        ("train_diagnoser", dappo_batch.train_diagnoser, [pairs, "out"], {**learning, "set": network}),
-        ("adapt", dappo_batch.adapt, [run, base / "diagnoser"], acting),
-    ]
 
 
 def walk(rng: Random, room: Room) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from random import Random
 
-from . import arguments, commands, files, folders
+from . import arguments, commands, files, folders, functions
 from .room import Room
 
 Target = Callable[[Random, Room], None]
@@ -20,7 +20,8 @@ TARGETS: dict[str, tuple[Target, float]] = {
     "steps": (arguments.steps, 20.0),
     "table": (arguments.table, 1.0),
     "objects": (arguments.objects, 20.0),
-    "functions": (arguments.functions, 3.0),
+    "functions": (functions.functions, 3.0),
+    "sweep": (functions.sweep, 0.5),
     "walk": (arguments.walk, 10.0),
     "single_env": (arguments.gymnasium_env, 0.1),
     "command_line": (commands.command_line, 10.0),
