@@ -163,6 +163,6 @@ def _sign_list(path: Path, key: str, describe: Callable[[bytes], dict[str, Any]]
 def _replace_entry(path: Path, key: str, value: str) -> None:
     try:
         lines = path.read_text().split("\n")
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, OSError):
         return
     path.write_text("\n".join(f"{key} = {value}" if line.startswith(f"{key} =") else line for line in lines))

@@ -21,7 +21,8 @@ fn cases(cases: u32) -> ProptestConfig {
 fn spaces() -> impl Strategy<Value = DamageSpace> {
     (1_usize..6, 1_usize..4, 1_usize..4).prop_map(|(limbs, types, most)| {
         let names = ["jammed_joint", "missing_toe", "weak_motor"];
-        DamageSpace::new(limbs, names[..types].iter().map(ToString::to_string).collect(), most).unwrap()
+        DamageSpace::new(limbs, names[..types].iter().map(ToString::to_string).collect(), most.min(limbs))
+            .unwrap()
     })
 }
 
