@@ -163,7 +163,9 @@ def _summary(workers: list[Worker], out: Path) -> int:
             accepted[name] += yes
     if (fast / "faults.jsonl").exists():
         shutil.copy(fast / "faults.jsonl", out)
-        shutil.copytree(fast / "inputs", out / "inputs", dirs_exist_ok=True)
+        shutil.copytree(
+            fast / "inputs", out / "inputs", symlinks=True, dirs_exist_ok=True, copy_function=_copy
+        )
     path = out / "faults.jsonl"
     faults = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     kinds = Counter(fault["kind"] for fault in faults)
@@ -183,6 +185,11 @@ def _summary(workers: list[Worker], out: Path) -> int:
         flush=True,
     )
     return 1 if faults else 0
+
+
+def _copy(source: str, target: str) -> None:
+    if not os.path.lexists(target):
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 def _replay(name: str) -> int:

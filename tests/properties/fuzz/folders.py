@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from random import Random
 
@@ -20,6 +21,8 @@ def _damage(rng: Random, folder: Path) -> None:
     """Change files of a folder; most of the time the checksums fit again."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     for path in rng.sample(files, min(len(files), rng.choice((1, 1, 1, 2)))):
+        if not path.is_file():  # any more
+            continue
         _damage_file(rng, path, files)
     if rng.random() < 0.75:
         sign(folder)
@@ -33,7 +36,7 @@ def _damage_file(rng: Random, path: Path, files: list[Path]) -> None:
         path.write_bytes(b"")
     elif kind == 2:
         path.unlink()
-        path.mkdir()
+        _put_no_file(rng, path)
     elif kind == 3 and (other := rng.choice(files)).is_file():
         path.write_bytes(other.read_bytes())
     elif kind == 4:
@@ -50,6 +53,17 @@ def _damage_file(rng: Random, path: Path, files: list[Path]) -> None:
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
     else:
         path.write_bytes(mutate.raw(rng, path.read_bytes()))
+
+
+def _put_no_file(rng: Random, path: Path) -> None:
+    """Put something where a file is expected that cannot be read to its end, or not at all."""
+    kind = rng.randrange(5)
+    if kind == 0:
+        path.mkdir()
+    elif kind == 1:
+        os.mkfifo(path)
+    else:
+        path.symlink_to(("/dev/zero", path.name, "missing")[kind - 2])
 
 
 def run_folder(rng: Random, room: Room) -> None:

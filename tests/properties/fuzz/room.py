@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -134,14 +134,19 @@ def _shown(value: object) -> str:
 
 def sign(folder: Path) -> None:
     """Let lengths and checksums fit the files again, so that readers get to see what was changed."""
-    for path in folder.rglob("manifest.json"):
+    for path in _files(folder, "manifest.json"):
         _sign_list(path, "files", lambda data: {"bytes": len(data), "crc32": zlib.crc32(data)})
-    for path in folder.rglob("export.json"):
+    for path in _files(folder, "export.json"):
         _sign_list(path, "files", lambda data: {"bytes": len(data), "sha256": sha256(data).hexdigest()})
-    for path in folder.rglob("diagnoser.toml"):
+    for path in _files(folder, "diagnoser.toml"):
         weights = path.with_name("weights.bpk")
         if weights.is_file():
             _replace_entry(path, "weights_crc32", f'"{zlib.crc32(weights.read_bytes()):08x}"')
+
+
+def _files(folder: Path, name: str) -> Iterator[Path]:
+    """Yield the files of a name below a folder, but nothing that never ends."""
+    return (path for path in folder.rglob(name) if path.is_file())
 
 
 def _sign_list(path: Path, key: str, describe: Callable[[bytes], dict[str, Any]]) -> None:

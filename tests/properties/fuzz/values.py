@@ -32,6 +32,7 @@ FLOATS = (0.0, -0.0, 0.5, -1.5, 1e-320, 1e-9, 1e9, 1e308, math.nan, math.inf, -m
 STRINGS = (
     *("", " ", "x", "0", "-1", "nan", "true", "healthy", "auto", "..", "a/b", "é", "\0", "\n", "'", '"'),
     *("%s{}$(x)", "--json", "=", "a=b", "@", "+", "x" * 5000, "ant", "jammed_joint@0", "\U0001f996", "1e999"),
+    *("[" * 3000, '{"x":' * 3000, "x = [[" * 9),
 )
 
 # Only what TOML and JSON can write.

@@ -16,6 +16,7 @@ import struct
 import sys
 import time
 import warnings
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from random import Random
@@ -91,7 +92,8 @@ def record(out: Path, target: str, case: str, fault: Fault, room: Path) -> None:
     kept.mkdir(parents=True, exist_ok=True)
     if len(list(kept.iterdir())) < 3:
         folder = kept / f"{target}-{case}"
-        shutil.copytree(room, folder / "files", ignore_dangling_symlinks=True, dirs_exist_ok=True)
+        with suppress(shutil.Error):  # pipes cannot be copied
+            shutil.copytree(room, folder / "files", symlinks=True, dirs_exist_ok=True)
         (folder / "what.txt").write_text(f"{fault.signature}\n\n{fault.detail}", errors="backslashreplace")
 
 
