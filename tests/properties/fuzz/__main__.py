@@ -187,11 +187,6 @@ def _summary(workers: list[Worker], out: Path) -> int:
     return 1 if faults else 0
 
 
-def _copy(source: str, target: str) -> None:
-    if not os.path.lexists(target):
-        shutil.copy2(source, target, follow_symlinks=False)
-
-
 def _replay(name: str) -> int:
     target, _, case = name.partition(":")
     with tempfile.TemporaryDirectory(prefix="dappo-fuzz-") as folder:
