@@ -73,9 +73,9 @@ def main() -> int:
             Worker(out, fast, arguments.seed, number, arguments.only) for number in range(arguments.workers)
         ]
         _supervise(workers, out, arguments.minutes * 60.0, arguments.limit)
+        return _summary(workers, out)
     finally:
         shutil.rmtree(fast, ignore_errors=True)
-    return _summary(workers, out)
 
 
 class Worker:
@@ -163,9 +163,10 @@ def _summary(workers: list[Worker], out: Path) -> int:
             accepted[name] += yes
     if (fast / "faults.jsonl").exists():
         shutil.copy(fast / "faults.jsonl", out)
-        shutil.copytree(
-            fast / "inputs", out / "inputs", symlinks=True, dirs_exist_ok=True, copy_function=_copy
-        )
+        for done in (fast / "inputs").glob("*/*/what.txt"):  # written last
+            kept = out / done.parent.relative_to(fast)
+            if not kept.exists():
+                shutil.copytree(done.parent, kept, symlinks=True)
     path = out / "faults.jsonl"
     faults = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     kinds = Counter(fault["kind"] for fault in faults)
