@@ -58,17 +58,20 @@ class Output:
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Send what this process prints to the file."""
+        """Send what this process prints, in Python and elsewhere, to the file."""
         sys.stdout.flush()
         sys.stderr.flush()
-        before = [os.dup(1), os.dup(2)]
+        before, streams = [os.dup(1), os.dup(2)], (sys.stdout, sys.stderr)
         os.dup2(self._file, 1)
         os.dup2(self._file, 2)
+        # Under pytest these go elsewhere.
+        file = os.fdopen(os.dup(self._file), "w", errors="backslashreplace")
+        sys.stdout = sys.stderr = file
         try:
             yield
         finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
+            file.close()
+            sys.stdout, sys.stderr = streams
             for number, old in enumerate(before, start=1):
                 os.dup2(old, number)
                 os.close(old)
