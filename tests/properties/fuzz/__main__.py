@@ -85,6 +85,7 @@ class Worker:
         self.out, self.fast, self.seed, self.number, self.names = out, fast, seed, number, names
         self.board = Board(fast / f"worker-{number}.board")
         self._process = self._start()
+        self._seen = (-1, 0.0, 0.0)
 
     def _start(self) -> subprocess.Popen[bytes]:
         options = {"out": str(self.fast), "base": str(self.fast / "base"), "seed": self.seed}
@@ -95,27 +96,29 @@ class Worker:
 
     def look(self, limit: float) -> None:
         """Start the process anew if it has ended; stop it if its input takes too long."""
-        number, target, began, used = self.board.now
+        number, target, used = self.board.now
         code = self._process.poll()
         if code is not None:
             if code != ENDED:
                 self._blame("abort", f"the process ended with code {code}", number, target)
             self._process = self._start()
-        elif target >= 0 and self._is_late(began, used, limit) and self.board.now[0] == number:
+        elif target >= 0 and self._is_late(number, used, limit) and self.board.now[0] == number:
             os.kill(self._process.pid, signal.SIGUSR1)
             time.sleep(0.5)
             self.stop()
             self._blame("hang", f"no answer in {limit:g} s", number, target)
             self._process = self._start()
 
-    def _is_late(self, began: float, used: float, limit: float) -> bool:
-        """Whether an input has cost too much time of a processor, or the process waits for ever."""
+    def _is_late(self, number: int, used: float, limit: float) -> bool:
+        """Whether an input has cost too much time of a processor, or has waited for too long."""
         try:
             fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return False
-        cpu = sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
-        return cpu - used > limit or time.time() - began > 20.0 * limit
+        cpu, now = sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK"), time.monotonic()
+        if (number, cpu) != self._seen[:2]:
+            self._seen = (number, cpu, now)
+        return cpu - used > limit or now - self._seen[2] > limit
 
     def _blame(self, kind: str, what: str, number: int, target: int) -> None:
         printed = (self.fast / f"worker-{self.number}.output").read_text(errors="replace")[-20_000:]

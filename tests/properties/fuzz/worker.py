@@ -31,7 +31,7 @@ ENDED = 3
 """Exit code of a worker that has done its share, or grown too large, and wants a successor."""
 _SHARE = 20_000
 _LARGEST_MEMORY = 1_500 << 20
-_NOW = struct.Struct("<Qqdd")  # number of the case, its target (-1: none), and when it began
+_NOW = struct.Struct("<Qqd")  # number of the case, its target (-1: none), processor seconds before it
 
 
 class Board:
@@ -40,19 +40,19 @@ class Board:
     def __init__(self, path: Path) -> None:
         size = _NOW.size + 16 * len(TARGETS)
         if not path.exists():
-            path.write_bytes(_NOW.pack(0, -1, 0.0, 0.0) + bytes(16 * len(TARGETS)))
+            path.write_bytes(_NOW.pack(0, -1, 0.0) + bytes(16 * len(TARGETS)))
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), size)
 
     def begin(self, number: int, target: int) -> None:
         """Note that a case begins; target -1 for none."""
-        _NOW.pack_into(self._map, 0, number, target, time.time(), time.process_time())
+        _NOW.pack_into(self._map, 0, number, target, time.process_time())
 
     @property
-    def now(self) -> tuple[int, int, float, float]:
-        """Number of the case, its target, when it began, and the processor seconds of the process then."""
-        number, target, began, used = _NOW.unpack_from(self._map, 0)
-        return number, target, began, used
+    def now(self) -> tuple[int, int, float]:
+        """Number of the case, its target, and the processor seconds of the process before it."""
+        number, target, used = _NOW.unpack_from(self._map, 0)
+        return number, target, used
 
     def count(self, target: int, accepted: bool) -> None:
         """Count an input that was accepted or refused."""
