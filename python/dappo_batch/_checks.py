@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from os import PathLike, fsdecode, fsencode
+from os import PathLike, fsdecode, fsencode, stat
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -111,8 +111,19 @@ def folder(value: object, what: str) -> Path:
         # Bytes that are no UTF-8 are lone surrogates in Python, and a path may hold some; others it may not.
         with suppress(UnicodeEncodeError):
             if path and b"\0" not in fsencode(path):
+                _check_name(path, what)
                 return Path(path)
     raise ConfigError(f"{what} must be a path, got {shown(value)}")
+
+
+def _check_name(path: str, what: str) -> None:
+    """Refuse a path that the system cannot look at, as its name is too long; it need not exist."""
+    try:
+        stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except OSError as error:
+        raise ConfigError(f"{what} {shown(path)} cannot be used: {error.strerror}") from None
 
 
 def mapping(value: object, what: str) -> Mapping[Any, Any]:
@@ -131,9 +142,13 @@ def sequence(value: object, what: str) -> Sequence[Any]:
 
 def items(value: Any) -> list[Any] | None:  # noqa: ANN401 - whatever a user passes
     """Return the items of a sequence or of an array of any library; None for a single value, as a text is."""
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
+    if not is_sequence and not (isinstance(getattr(value, "ndim", None), int) and value.ndim > 0):
+        return None
+    try:
         return list(value)
-    return list(value) if isinstance(getattr(value, "ndim", None), int) and value.ndim > 0 else None
+    except (MemoryError, OverflowError):
+        raise ConfigError(f"{shown(value)} has more entries than the memory") from None
 
 
 def array(value: object, what: str, dtype: type[Float]) -> NDArray[Float]:

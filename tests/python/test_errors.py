@@ -67,6 +67,8 @@ JUNK = (
     -float("inf"),
     "\ud800",
     "nul\0",
+    "x" * 5000,  # longer than a name may be
+    range(2**62),
     [[1], [1, 2]],
     _itself(),
     iter([1]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike, fsdecode
@@ -134,7 +135,7 @@ def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
         except UnicodeEncodeError as error:
             raise ConfigError(f"{name!a} has no name in UTF-8, which a report shows; rename it") from error
     sources = Sources()
-    for path in dict.fromkeys(Path(fsdecode(path)).resolve() for path in paths):
+    for path in dict.fromkeys(Path(os.path.realpath(fsdecode(path))) for path in paths):
         _add(sources, path)
     return sources
 

@@ -6,6 +6,7 @@ robot TOML anywhere on disk wherever a robot's name is asked for.
 
 from __future__ import annotations
 
+import os
 import tomllib
 from dataclasses import dataclass
 from functools import cached_property
@@ -164,7 +165,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"the robot TOML {path} is not valid TOML 1.0: {error}") from error
     robot = Robot(name=spec["name"], toml_text=text, path=path.resolve(), spec=spec)
-    if not robot.mjcf_path.is_file():
+    # Unlike those of pathlib it answers no, instead of failing, to a name that is too long.
+    if not os.path.isfile(robot.mjcf_path):
         raise ConfigError(f"{path}: mjcf = {spec['mjcf']!r} names no file beside the robot TOML")
     return robot
 

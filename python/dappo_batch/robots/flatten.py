@@ -6,6 +6,7 @@ Nothing goes through MuJoCo's writer, which rounds numbers: attributes stay as t
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -193,9 +194,9 @@ class _Document:
 
     def _find(self, value: str, directory: str, origin: Path, tag: str) -> Path:
         """Return a file, from the model's folder for such files or beside the file that asks for it."""
-        places = [(self._path.parent / directory / value).resolve(), (origin / value).resolve()]
+        places = [Path(os.path.realpath(at / value)) for at in (self._path.parent / directory, origin)]
         for place in places:
-            if place.is_file():
+            if os.path.isfile(place):
                 return place
         looked = " and ".join(map(str, dict.fromkeys(places)))
         raise ConfigError(f"{self._path}: the file {value!r} of a <{tag}> is missing: looked for {looked}")

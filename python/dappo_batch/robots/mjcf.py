@@ -8,6 +8,7 @@ and memory that its own length bounds.
 from __future__ import annotations
 
 import math
+import os
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -169,7 +170,7 @@ class _Reader:
             if name in ("include", "model"):
                 # Relative to the file itself or to the first one, depending on the version.
                 places = dict.fromkeys((folder / value, self.scan.main.parent / value))
-                self.includes += [place for place in places if place.exists()]
+                self.includes += [place for place in places if os.path.exists(place)]
             else:
                 self.scan.assets.add((folder, value))
 

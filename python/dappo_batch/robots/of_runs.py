@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,7 @@ def robot_of_run(
         return robot, copy_robot(robot, damage), False
     own = str((folder / COPY_TOML).resolve())
     _check_settings(run, copy, damage_settings(load_robot(own), damage))
-    if changed is None and (robot in ROBOTS or Path(robot).is_file()):
+    if changed is None and (robot in ROBOTS or os.path.isfile(robot)):
         _check_file(run, copy, robot, damage)
     return own, copy, True
 

@@ -2,6 +2,7 @@
 
 use dappo_sim::damage::{DamageClass, DamageSpace};
 use pyo3::prelude::*;
+use pyo3::types::{PySequence, PyString};
 
 use crate::arguments::argument;
 use crate::errors::from_sim;
@@ -52,6 +53,18 @@ impl PyDamageClass {
     }
 }
 
+/// The names of damage types. They are read one by one: a sequence may say that it is longer than any memory.
+fn names(types: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    if types.is_instance_of::<PyString>() || types.cast::<PySequence>().is_err() {
+        return argument(types, "types", "a sequence of names");
+    }
+    let mut names = Vec::new();
+    for name in types.try_iter()? {
+        names.push(argument(&name?, "an entry of types", "a name")?);
+    }
+    Ok(names)
+}
+
 /// All damage classes of a robot in canonical order.
 #[pyclass(name = "DamageSpace", module = "dappo_batch", frozen)]
 pub struct PyDamageSpace {
@@ -69,7 +82,7 @@ impl PyDamageSpace {
     ) -> PyResult<Self> {
         let number = "a whole number of at least 0";
         let limbs = argument(limbs, "limbs", number)?;
-        let types = argument(types, "types", "a sequence of names")?;
+        let types = names(types)?;
         DamageSpace::new(limbs, types, argument(max_damaged_limbs, "max_damaged_limbs", number)?)
             .map(|inner| Self { inner })
             .map_err(|error| from_sim(&error))
