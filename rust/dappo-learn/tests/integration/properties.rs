@@ -113,12 +113,12 @@ proptest! {
             let obs: Vec<u32> = state.envs.obs.iter().map(|x| x.to_bits()).collect();
             (state.envs.backend.row, rows, obs, state.envs.backend.classes.clone(), state.envs.episodes.clone())
         };
-        prop_assert_eq!(bits(&EnvState::load(&folder).unwrap()), bits(&state));
+        prop_assert_eq!(bits(&EnvState::load(folder.as_path()).unwrap()), bits(&state));
         let path = folder.join("envs.bin");
         let bytes = std::fs::read(&path).unwrap();
         let changed = replaced(&bytes, splice);
         std::fs::write(&path, &changed).unwrap();
-        if let Ok(other) = EnvState::load(&folder) {
+        if let Ok(other) = EnvState::load(folder.as_path()) {
             let backend = &other.envs.backend;
             let numbers = backend.rows.len() + 10 * backend.classes.len();
             prop_assert_eq!(HEADER + 8 * numbers + 4 * other.envs.obs.len(), changed.len());
@@ -132,17 +132,17 @@ proptest! {
         let progress = Progress { iteration: 1, env_steps: 10, stage: 0 };
         let content = b"the weights of a network";
         Checkpoint::write(&folder, "ant", progress, 1, |at| {
-            std::fs::write(at.join("weights"), content).map_err(|source| {
+            std::fs::write(at.join("policy.bpk"), content).map_err(|source| {
                 dappo_learn::LearnError::Io { path: at.to_owned(), source }
             })
         })
         .unwrap();
-        let path = folder.join("00000001").join("weights");
+        let path = folder.join("00000001").join("policy.bpk");
         let changed = replaced(content, splice);
         std::fs::write(&path, &changed).unwrap();
         match Checkpoint::<Progress>::newest(&folder, "ant") {
             Ok(_) => prop_assert_eq!(&changed[..], &content[..]),
-            Err(error) => prop_assert!(error.to_string().contains("weights")),
+            Err(error) => prop_assert!(error.to_string().contains("policy.bpk")),
         }
         std::fs::remove_dir_all(folder).unwrap();
     }
