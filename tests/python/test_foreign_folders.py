@@ -36,6 +36,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dappo_batch.collect_pairs(root / "run", root / "pairs", **windows)
     network = {"epochs": 1, "embedding": 8, "lstm": 4, "hidden": [8]}
     dappo_batch.train_diagnoser(root / "pairs", root / "diagnoser", threads=1, set=network)
+    # A resumed training has something left to do.
+    config = root / "diagnoser" / "config.toml"
+    config.write_text(config.read_text().replace("epochs = 1\n", "epochs = 2\n"))
     dappo_batch._core.run_command(
         ["export", str(root / "run"), "--diagnoser", str(root / "diagnoser"), "--out", str(root / "export")]
     )

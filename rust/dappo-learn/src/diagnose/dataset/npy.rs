@@ -112,7 +112,7 @@ mod tests {
                 assert!(is_unfinished(&fields, &bytes), "{length} bytes, {written} of the header");
             }
         }
-        for foreign in [&whole[..], &[1; 20], &[0; HEADER_BYTES + 1], b"\x93NUMPY\x01\x00\x00"] {
+        for foreign in [&whole[..], &[1; 20], &[0; HEADER_BYTES + 1], b"\x93NUMPY\x01\x00\x01"] {
             assert!(!is_unfinished(&fields, foreign), "{foreign:?}");
         }
         // 9 records become 10: the new header reaches any byte, and the old one follows.
