@@ -21,8 +21,8 @@ __all__ = ["Parts", "find_parts"]
 
 _LONGEST_STEP = 10.0
 """Of an env step, s."""
-_LARGEST = 1e10
-"""``mjMAXVAL``: MuJoCo takes a greater number for diverged."""
+_LARGEST = float(np.finfo(np.float32).max)
+"""A greater number is infinite in single precision."""
 
 # Arrays of a model that its physics is made of. Bounding boxes of planes are large on purpose.
 _PHYSICAL = (
