@@ -28,7 +28,7 @@ __all__ = ["ClassTable", "ClassTableError", "compile_class_table"]
 
 _INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
 
-_MOST_MEMORY = 8 << 30
+_MOST_MEMORY = 4 << 30
 """Of all compiled models, bytes."""
 
 # Sizes of texts: damage may rename things, and neither states nor the simulation depend on it.

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from dappo_batch import class_table
 from dappo_batch._core import ConfigError
 from dappo_batch._floor_pairs import make_floor_contacts_explicit
 from dappo_batch.class_table import ClassTable, ClassTableError, compile_class_table
@@ -249,6 +250,17 @@ def test_physics_switches_the_integrator_and_nothing_else() -> None:
 def test_wrong_parameters_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         compile_class_table("ant", **arguments)  # type: ignore[arg-type]
+
+
+def test_more_classes_than_memory_holds_are_refused_before_they_are_compiled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    size = compile_class_table("ant", max_damaged_limbs=0).models[0].nbuffer
+    monkeypatch.setattr(class_table, "_MOST_MEMORY", 33 * size)
+    assert len(compile_class_table("ant").models) == 33
+    monkeypatch.setattr(class_table, "_MOST_MEMORY", 33 * size - 1)
+    with pytest.raises(ConfigError, match=f"33 damage classes of {size} bytes each need"):
+        compile_class_table("ant")
 
 
 @dataclass(frozen=True)

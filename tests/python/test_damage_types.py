@@ -391,6 +391,13 @@ def test_a_toe_that_cannot_break_off_alone_is_refused(end: str, extra: str, mess
         STUMP.apply(spec, ONE, 1.0)
 
 
+def test_a_robot_whose_total_mass_is_set_cannot_lose_any() -> None:
+    spec = limb()
+    spec.compiler.settotalmass = 10
+    with pytest.raises(ConfigError, match="settotalmass"):
+        STUMP.apply(spec, ONE, 1.0)
+
+
 def test_a_jammed_joint_stays_in_the_pose_of_the_mjcf() -> None:
     spec = limb(joint='ref="0.5"')
     JammedJoint(joint=1, range_deg=1.0).apply(spec, ONE, 1.0)

@@ -225,7 +225,7 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
             ),
             ("frame_skip = 4", "frame_skip = 4.0", "`frame_skip` is 4.0, expected a whole number"),
             ("max_episode_steps = 100", "", "the entry `max_episode_steps` is missing"),
-            ("action_scale = 1.0", "action_scale = 1e308", "`action_scale` is 1"),
+            ("action_scale = 1.0", "action_scale = 1e308", "`action_scale` is 1e308"),
             ("action_scale = 1.0", "action_scale = nan", "expected a number above 0"),
             ("joints = [\"b1\"]", "joints = []", "limb 1: `joints` is empty"),
             (
@@ -268,7 +268,7 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
             ),
             ("{ term = \"touch\" }", "{ term = \"smell\" }", "`term` is \"smell\", expected one of qpos"),
             ("{ term = \"touch\" }", "7", "[observation]: term 2 is 7, expected a table"),
-            ("weight = 1 }", "weight = 1e308 }", "[reward.walk] term 0: `weight` is 1"),
+            ("weight = 1 }", "weight = 1e308 }", "[reward.walk] term 0: `weight` is 1e308"),
             (
                 "default = \"walk\"",
                 "default = \"run\"",

@@ -242,6 +242,7 @@ pub(super) fn shown(value: &Value) -> String {
             let short: String = text.chars().take(60).collect();
             format!("{short:?}")
         }
+        Value::Float(number) if number.abs() >= 1e15 && number.is_finite() => format!("{number:e}"),
         other => other.to_string(),
     }
 }
