@@ -323,3 +323,14 @@ def test_classes_of_a_robot_that_does_not_exist_are_not_listed(
     printed = capfd.readouterr()
     assert "the MJCF has no body 'south'" in printed.err
     assert "missing_toe" not in printed.out
+
+
+@pytest.mark.parametrize("backend", ["lanes", "mujoco"])
+def test_a_training_of_an_unfit_robot_leaves_no_run_folder(
+    backend: str, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = toy(folder, ((PLATE, SECOND + PLATE),))
+    arguments = ["train", "--robot", str(path), "--run", str(folder / "run"), "--backend", backend]
+    assert run_cli([*arguments, "--steps", "64", "--envs", "2", "--threads", "1"]) == 1
+    assert "main_body plate is not the body of the first free joint" in capfd.readouterr().err
+    assert not (folder / "run").exists()

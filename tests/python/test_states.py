@@ -110,6 +110,17 @@ def test_a_saved_state_holds_the_episodes_as_well(options: dict[str, str]) -> No
         np.testing.assert_array_equal(one, other)
 
 
+def test_a_single_env_goes_back_as_well() -> None:
+    env = dappo_batch.DamageEnv("ant", damage="healthy", backend="mujoco")
+    obs, _ = env.reset(seed=0)
+    saved, action = env.save_state(), np.full(8, 0.5, dtype=np.float32)
+    first = env.step(action)
+    np.testing.assert_array_equal(env.restore_state(saved), obs)
+    second = env.step(action)
+    np.testing.assert_array_equal(first[0], second[0])
+    assert first[1] == second[1]
+
+
 def test_an_episode_that_has_ended_is_ended_when_it_comes_back(tmp_path: Path) -> None:
     envs = dappo_batch.make_vec(toy(tmp_path), 2, seed=0, autoreset="disabled", max_episode_steps=1)
     envs.reset()

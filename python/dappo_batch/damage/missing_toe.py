@@ -72,8 +72,8 @@ class MissingToe(DamageType):
             )
         if spec.compiler.settotalmass > 0:
             raise ConfigError(
-                "missing_toe: the MJCF sets the total mass (settotalmass), so the rest of the robot would gain"
-                " what the limb loses; scale the masses and densities in the MJCF instead"
+                "missing_toe: the MJCF sets the total mass (settotalmass), so the rest of the robot would"
+                " gain what the limb loses; scale the masses and densities in the MJCF instead"
             )
         full = _half_length(geom)
         if self.half_length >= full:

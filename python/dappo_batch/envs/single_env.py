@@ -28,6 +28,7 @@ from dappo_batch.envs.simulation import (
     spaces,
     step_seconds,
 )
+from dappo_batch.envs.vector_env import SavedState, saved_core
 from dappo_batch.render.live import LivePainter
 
 NO_TIME_LIMIT = 2**31 - 1
@@ -255,6 +256,18 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         positions, velocities = state(qpos, qvel, (model.nq,), (model.nv,))
         at_rest = boolean(at_rest, "at_rest")
         self._core.set_state(positions[np.newaxis], velocities[np.newaxis], at_rest)
+        return self._obs()
+
+    def save_state(self) -> SavedState:
+        """Return everything that the next steps depend on; see `DamageVectorEnv.save_state`."""
+        self._check_open()
+        return SavedState(self._core.save_state(), self._was_reset, np.zeros(1, dtype=np.bool_))
+
+    def restore_state(self, state: SavedState) -> NDArray[np.float32]:
+        """Go back to a saved state and return its observation [O]; see `DamageVectorEnv.restore_state`."""
+        self._check_open()
+        self._core.restore_state(saved_core(state))
+        self._was_reset = True
         return self._obs()
 
     def close(self) -> None:

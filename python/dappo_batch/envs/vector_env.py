@@ -54,6 +54,21 @@ class SavedState:
     ended: NDArray[np.bool_] = field(repr=False)
 
 
+def saved_core(state: SavedState) -> EnvState:
+    """Return the native part of a saved state.
+
+    Raises
+    ------
+    ConfigError
+        If it is none, or was saved before the first reset.
+    """
+    if not isinstance(state, SavedState):
+        raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
+    if not state.was_reset:
+        raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
+    return state.core
+
+
 class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """N independent episodes of one robot, each with its own damage class.
 
@@ -446,11 +461,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
             If the env is closed.
         """
         self._check_open()
-        if not isinstance(state, SavedState):
-            raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
-        if not state.was_reset:
-            raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
-        self._core.restore_state(state.core)
+        self._core.restore_state(saved_core(state))
         self._was_reset = True
         self._ended = state.ended.copy()
         return self._give(self._core.obs)
