@@ -10,7 +10,10 @@ from gymnasium.error import ResetNeeded
 
 import dappo_batch
 from dappo_batch import CheckpointError, ClassTable, ConfigError
+from dappo_batch._core import run_cli
 from dappo_batch.envs import DamageVectorEnv
+
+from .command_line import ITERATION, TINY
 
 ROBOTS = Path(__file__).parent / "robots"
 OPTION = '<option timestep="0.005" integrator="implicitfast"/>'
@@ -147,3 +150,24 @@ def test_a_state_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     more.reset()
     with pytest.raises((CheckpointError, dappo_batch.ShapeError)):
         envs.restore_state(more.save_state())
+
+
+@pytest.mark.parametrize("name", ["filtered servos", "velocities that are not observed"])
+def test_twins_in_mid_gait_are_for_robots_whose_observation_tells_their_state(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot, run = tmp_path / "tripod.toml", tmp_path / "run"
+    if name in HIDDEN:
+        old, new, reason = HIDDEN[name]
+        toy(tmp_path, old, new)
+    else:
+        toy(tmp_path)
+        reason = "add `qpos` (with `skip` of at most 2) and `qvel`"
+        robot.write_text(robot.read_text().replace('{ term = "qvel" }, ', ""))
+    train = ["train", "--robot", str(robot), "--run", str(run), "--steps", str(ITERATION)]
+    assert run_cli([*train, *TINY]) == 0
+    collect = ["diagnose", "collect", str(run), "--rollouts", "2", "--timesteps", "3", "--threads", "1"]
+    assert run_cli([*collect, "--preset", "residual", "--out", str(tmp_path / "residual")]) == 1
+    assert reason in capfd.readouterr().err
+    assert not (tmp_path / "residual").exists()
+    assert run_cli([*collect, "--preset", "paper", "--out", str(tmp_path / "paper")]) == 0

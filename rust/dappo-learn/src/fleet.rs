@@ -113,25 +113,3 @@ impl Fleet {
         Ok(())
     }
 }
-
-#[cfg(test)]
-#[expect(dead_code, reason = "the tests of the vector env use the rest")]
-#[path = "../../dappo-sim/tests/integration/counter/mod.rs"]
-mod counter;
-
-#[cfg(test)]
-mod tests {
-    use super::counter::Counter;
-    use super::*;
-
-    #[test]
-    fn a_robot_that_its_observation_does_not_tell_has_no_twin_in_mid_gait() {
-        for (hidden, reason) in
-            [("8 activations of actuators", "velocities, so its observation"), ("", "add `qpos`")]
-        {
-            let fleet = Fleet::new(Box::new(Counter::with_hidden_state(1, 1, hidden)));
-            let message = fleet.check_twins().unwrap_err().to_string();
-            assert!(message.contains(reason) && message.contains(hidden), "{message}");
-        }
-    }
-}

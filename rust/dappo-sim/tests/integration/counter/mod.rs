@@ -41,11 +41,6 @@ pub struct Counter {
 
 impl Counter {
     pub fn new(envs: usize, table: usize) -> Self {
-        Self::with_hidden_state(envs, table, "")
-    }
-
-    /// A robot whose state is more than positions and velocities.
-    pub fn with_hidden_state(envs: usize, table: usize, hidden_state: &str) -> Self {
         let layout = Layout {
             nq: ROW,
             nv: 1,
@@ -56,7 +51,7 @@ impl Counter {
             main_body: 0,
             limb_bodies: vec![vec![]; 4],
             touch_addresses: vec![],
-            hidden_state: hidden_state.into(),
+            hidden_state: String::new(),
         };
         let task = Task::new(&Robot::from_toml(ROBOT).unwrap(), &layout, None).unwrap();
         Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
