@@ -87,9 +87,9 @@ def boolean(value: object, what: str) -> bool:
 
 
 def text(value: object, what: str) -> str:
-    """Return `value` as a str that can be written as UTF-8."""
-    if not isinstance(value, str):
-        raise ConfigError(f"{what} must be a str, got {shown(value)}")
+    """Return `value` as a str that can be written as UTF-8 and holds no NUL."""
+    if not isinstance(value, str) or "\0" in value:
+        raise ConfigError(f"{what} must be a text, got {shown(value)}")
     try:
         value.encode()
     except UnicodeEncodeError:
