@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -53,6 +54,13 @@ def _warp_on_one_device() -> Iterator[None]:
     wp.config.log_level = wp.LOG_WARNING
     with wp.ScopedDevice(os.environ.get("DAPPO_WARP_DEVICE", "cpu")):
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _ctrl_c_reaches_processes() -> None:
+    """Let what tests start hear Ctrl-C, which a shell that starts them in its background has ignored."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
