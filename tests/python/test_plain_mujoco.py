@@ -176,6 +176,7 @@ def test_a_toe_that_is_gone_feels_no_touch(hexapod_table: ClassTable, backend: s
         assert touched[limb + 1].sum() >= 3
 
 
+@pytest.mark.slow
 def test_all_hexapod_classes_stay_finite_for_a_thousand_random_steps(
     hexapod_table: ClassTable, backend: str
 ) -> None:

@@ -11,6 +11,8 @@ import dappo_batch
 
 from .. import processes
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

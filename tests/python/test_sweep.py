@@ -85,6 +85,7 @@ def test_a_cell_that_fails_says_why_and_does_not_stop_the_others(tmp_path: Path)
     assert len(cells[1].run().metrics["kl"]) == 2
 
 
+@pytest.mark.slow
 def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
     base = ("steps=6400", "envs=4", "threads=1", "horizon=16", "ppo.hidden=[8]", "evaluation.episodes=1")
@@ -118,6 +119,7 @@ def test_another_base_and_an_empty_grid_are_refused(tmp_path: Path) -> None:
         sweep(BASE, {"seed": [0, 0]}, tmp_path / "other", executor=Inline())
 
 
+@pytest.mark.slow
 def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
     def train(_: int) -> str:
         options = {
