@@ -15,6 +15,7 @@ mod minibatch;
 mod state;
 mod update;
 
+use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use dappo_sim::rng::{Purpose, Stream};
@@ -22,6 +23,7 @@ use dappo_sim::rng::{Purpose, Stream};
 pub use config::PpoConfig;
 pub use loss::{Adaptation, PpoLosses};
 
+use crate::cpu;
 use crate::error::Result;
 use crate::nn::{ActorCritic, fused_adam};
 use crate::normalizer::Normalizer;
@@ -34,7 +36,7 @@ const ADAM_EPSILON: f32 = 1e-5;
 /// The learner: networks, optimisers, and everything that adapts while training.
 pub struct Ppo {
     config: PpoConfig,
-    /// The device with autodiff; networks live on it.
+    /// Where the networks live, without autodiff.
     device: Device,
     seed: u64,
     updates: u64,
@@ -60,7 +62,7 @@ impl Ppo {
         device: &Device,
     ) -> Result<Self> {
         config.check()?;
-        let device = device.clone().autodiff();
+        let device = device.clone().without_autodiff();
         let mut stream = Stream::new(seed, 0, Purpose::Weights);
         let actor_critic = ActorCritic::new(
             obs_dim,
@@ -72,10 +74,10 @@ impl Ppo {
         );
         Ok(Self {
             config: config.clone(),
-            device,
             seed,
             updates: 0,
-            actor_critic,
+            actor_critic: trainable(actor_critic, &device),
+            device,
             policy_optimizer: adam(),
             value_optimizer: adam(),
             adaptation: Adaptation::default(),
@@ -113,6 +115,15 @@ impl Ppo {
     pub fn updates(&self) -> u64 {
         self.updates
     }
+}
+
+/// Networks with autodiff, as optimisers take them; `device` is where they live.
+///
+/// burn registers every parameter that requires gradients in a table of the process, which only a backward pass
+/// clears. On CPUs there is none, and each step's new parameters would stay for ever; their gradients come from
+/// elsewhere and need no requirement.
+fn trainable(networks: ActorCritic, device: &Device) -> ActorCritic {
+    if *device == cpu() { networks.no_grad().train() } else { networks.train() }
 }
 
 fn adam() -> ModuleOptimizer {

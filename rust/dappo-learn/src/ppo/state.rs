@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::batch::ValueBatch;
 use super::loss::Adaptation;
-use super::{Ppo, PpoConfig, adam};
+use super::{Ppo, PpoConfig, adam, trainable};
 use crate::cpu;
 use crate::envs::Sizes;
 use crate::error::{LearnError, Result};
@@ -116,8 +116,8 @@ impl Ppo {
         let header = read_header(files, config, sizes)?;
         let path = files.path(LEARNER);
         let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
-        let device = device.clone().autodiff();
-        let actor_critic = read_networks(files, &header, &device)?;
+        let device = device.clone().without_autodiff();
+        let actor_critic = trainable(read_networks(files, &header, &device)?, &device);
         let previous = read_value_batch(files, &header)?;
         Ok(Self {
             config: config.clone(),

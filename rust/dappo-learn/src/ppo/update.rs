@@ -70,7 +70,6 @@ impl Ppo {
             optimizer: &mut self.value_optimizer,
         };
         let (config, previous, device) = (&self.config, self.previous.as_ref(), &self.device);
-        // Device equality ignores autodiff.
         let on_cpu = *device == cpu();
         let (policy, value_loss) = rayon::join(
             move || {
