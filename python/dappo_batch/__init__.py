@@ -5,6 +5,10 @@ Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``d
 
 from __future__ import annotations
 
+from dappo_batch import _startup  # noqa: F401 - first, as it is for the time that the rest takes
+
+# isort: split
+
 from importlib.metadata import version
 
 from dappo_batch._core import (

@@ -10,8 +10,10 @@ import shutil
 import signal
 import struct
 import subprocess
+import sys
 import time
 import tomllib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -167,13 +169,27 @@ def test_kills_at_random_moments_leave_a_run_that_ends_the_same(long_run: Path, 
     assert_same_result(run, long_run)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_and_exits_with_130(number: int, long_run: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def react_to() -> Iterator[Callable[[int, signal.Handlers], object]]:
+    """Say how processes that are started from now on react to a signal, as `signal.signal` does."""
+    before = signal.getsignal(signal.SIGHUP)
+    yield signal.signal
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_saves_and_exits_with_130(
+    number: int, long_run: Path, tmp_path: Path, react_to: Callable[[int, signal.Handlers], object]
+) -> None:
+    react_to(signal.SIGHUP, signal.SIG_DFL)
     run = tmp_path / "run"
     settings = ("--steps", str(LONG * ITERATION), *TINY, "checkpoint.every=1000", "checkpoint.keep=2")
     process = start("train", "--run", run, *settings)
     wait_for(process, run, 3)
     process.send_signal(number)
+    if number == signal.SIGHUP:
+        # A closing terminal may send it twice, by its shell and by the kernel.
+        process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert f"--resume {run}" in err
@@ -184,6 +200,37 @@ def test_a_signal_saves_and_exits_with_130(number: int, long_run: Path, tmp_path
     if number == signal.SIGINT:
         dappo_batch("train", "--resume", run)
         assert_same_result(run, long_run)
+
+
+def test_a_run_that_ignores_the_end_of_its_terminal_goes_on(
+    tmp_path: Path, react_to: Callable[[int, signal.Handlers], object]
+) -> None:
+    react_to(signal.SIGHUP, signal.SIG_IGN)
+    run = tmp_path / "run"
+    process = start("train", "--run", run, "--steps", str(LONG * ITERATION), *TINY)
+    wait_for(process, run, 3)
+    process.send_signal(signal.SIGHUP)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert len(metrics(run)) == LONG
+
+
+def test_ctrl_c_during_the_imports_leaves_no_traceback(tmp_path: Path) -> None:
+    # Sent by the process itself, as it begins to import MuJoCo.
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(name, path=None, target=None):\n"
+        "        if name == 'mujoco':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder)\n"
+    )
+    script = Path(sys.executable).with_name("dappo-batch")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [script, "doctor"], env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_a_second_signal_ends_the_program_at_once(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-//! Ctrl-C and `kill`: the first asks to stop in good order, the second ends the program at once.
+//! Ctrl-C, `kill` and a closed terminal: the first signal asks to stop in good order, a second Ctrl-C or `kill` ends the
+//! program at once.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -18,6 +19,10 @@ pub fn watch() -> PyResult<Arc<AtomicBool>> {
             .map_err(failed)?;
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(failed)?;
     }
+    if let Some(signal) = Python::attach(hang_up)? {
+        // A closing terminal may send it twice, by its shell and by the kernel, so the second ends nothing.
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(failed)?;
+    }
     Ok(interrupted)
 }
 
@@ -25,8 +30,19 @@ pub fn watch() -> PyResult<Arc<AtomicBool>> {
 pub fn leave_to_python(py: Python<'_>) -> PyResult<()> {
     let signal = py.import("signal")?;
     let handler = signal.getattr("default_int_handler")?;
-    for number in [SIGINT, SIGTERM] {
+    for number in [SIGINT, SIGTERM].into_iter().chain(hang_up(py)?) {
         signal.call_method1("signal", (number, &handler))?;
     }
     Ok(())
+}
+
+/// SIGHUP, unless the system has none or the program is to survive its terminal, as under `nohup`.
+fn hang_up(py: Python<'_>) -> PyResult<Option<i32>> {
+    let signal = py.import("signal")?;
+    if !signal.hasattr("SIGHUP")? {
+        return Ok(None);
+    }
+    let number = signal.getattr("SIGHUP")?;
+    let is_ignored = signal.call_method1("getsignal", (&number,))?.eq(signal.getattr("SIG_IGN")?)?;
+    if is_ignored { Ok(None) } else { number.extract().map(Some) }
 }

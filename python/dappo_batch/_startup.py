@@ -1,0 +1,35 @@
+"""Ctrl-C while the command line imports the package, which takes a second: it ends without a traceback.
+
+Importing this module begins that, so it comes before all other imports; `end` ends it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from types import FrameType
+
+__all__ = ["end"]
+
+_INTERRUPTED = 130
+
+
+def end() -> None:
+    """Give Ctrl-C back to Python: everything is imported."""
+    if signal.getsignal(signal.SIGINT) is _leave:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    # Nothing has been written that would have to be flushed, and an exception would end in a traceback.
+    os._exit(_INTERRUPTED)
+
+
+# Other programs that import the package keep their own handler, and so does a job in the background of a
+# shell, which ignores Ctrl-C.
+if (
+    os.path.basename(sys.argv[0] if sys.argv else "").startswith("dappo-batch")
+    and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+):
+    signal.signal(signal.SIGINT, _leave)
