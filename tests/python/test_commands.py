@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -13,11 +14,11 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import ConfigError
+from dappo_batch import ConfigError, SimulationError
 from dappo_batch.commands import TrainingOptions
 
 from .. import processes
-from .command_line import ITERATION, TINY, metrics
+from .command_line import ITERATION, TINY, files, metrics
 from .command_line import dappo_batch as command_line
 
 OPTIONS: TrainingOptions = {
@@ -63,6 +64,60 @@ def test_a_callback_stops_a_training_that_goes_on_as_if_it_had_not_stopped(tmp_p
     resumed = dappo_batch.resume(tmp_path / "run")
     assert metrics(tmp_path / "run") == metrics(run)
     assert len(resumed.per_class["true"]["name"]) == 9
+
+
+def test_settings_change_when_a_run_goes_on_and_the_folder_notes_them(tmp_path: Path, run: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    resumed = dappo_batch.resume(
+        copy, steps=4 * ITERATION, set={"ppo": {"learning_rate": 1e-5}, "checkpoint.every": 1}
+    )
+    # The adaptive factor lies between 0.1 and 10.
+    assert resumed.metrics["learning_rate"][2] > 1e-4 > resumed.metrics["learning_rate"][3]
+    assert (resumed.config["ppo"]["learning_rate"], resumed.config["total_steps"]) == (1e-5, 4 * ITERATION)
+    where = {"iteration": 3, "env_steps": 3 * ITERATION}
+    rate = dappo_batch.load_run(run).config["ppo"]["learning_rate"]
+    assert resumed.meta["changes"] == [
+        {**where, "key": "checkpoint.every", "from": 3, "to": 1},
+        {**where, "key": "ppo.learning_rate", "from": rate, "to": 1e-5},
+        {**where, "key": "total_steps", "from": 3 * ITERATION, "to": 4 * ITERATION},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"ppo.hidden": [16]}, r"`ppo.hidden` cannot change in a run, from \[8\] to \[16\]: its networks"),
+        ({"env": {"num_envs": 8}}, "`env.num_envs` cannot change in a run, from 4 to 8"),
+        ({"robot": "hexapod"}, "`robot` cannot change"),
+        ({"ppo.preset": "batch"}, "`ppo.preset` cannot change"),
+        ({"ppo.learning_rate": -1}, "learning_rate is -1"),
+    ],
+)
+def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it_is(
+    run: Path, setting: dict[str, Any], message: str
+) -> None:
+    before = files(run)
+    with pytest.raises(ConfigError, match=message):
+        dappo_batch.resume(run, set=setting)
+    assert files(run) == before
+
+
+def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path: Path) -> None:
+    settings = {**OPTIONS["set"], "ppo.value_learning_rate": 1e30}
+    options: TrainingOptions = {**OPTIONS, "set": settings}
+    with pytest.raises(
+        SimulationError, match=r"the training has diverged: in iteration \d the value loss"
+    ) as raised:
+        dappo_batch.train(tmp_path / "run", steps=3 * ITERATION, **options)
+    assert f"train --resume {tmp_path / 'run'} --set ppo.learning_rate=" in str(raised.value)
+    with pytest.raises(SimulationError, match=r"in iteration \d the"):
+        dappo_batch.resume(tmp_path / "run")
+    resumed = dappo_batch.resume(tmp_path / "run", set={"ppo.value_learning_rate": 1e-3})
+    assert np.isfinite(resumed.metrics["value_loss"]).tolist() == [True] * 3
+    assert resumed.meta["changes"] == [
+        {"iteration": 0, "env_steps": 0, "key": "ppo.value_learning_rate", "from": 1e30, "to": 1e-3}
+    ]
 
 
 def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
 from dappo_batch._checks import folder, sequence
@@ -35,7 +35,7 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     ConfigError
         If an option is unknown or out of range, or the folder holds a run.
     SimulationError
-        If the simulation cannot be set up.
+        If the simulation cannot be set up, or the training diverges; see `resume`.
     """
     invoke(["train"], {"run": folder(run, "run"), **options}, callback)
     return load_run(run)
@@ -47,23 +47,49 @@ def resume(
     steps: int | None = None,
     threads: int | None = None,
     learner: str | None = None,
+    set: Mapping[str, Any] | None = None,
     robot_changed: RobotChanged | None = None,
     callback: Callback | None = None,
 ) -> Run:
-    """Go on with a training from its newest checkpoint; `steps` may extend its budget.
+    """Go on with a training from its newest checkpoint.
+
+    Parameters
+    ----------
+    run
+        The run folder.
+    steps
+        Env steps of the whole run, if its budget is to be another one.
+    threads
+        Worker threads; all cores if left out.
+    learner
+        ``cpu`` or ``wgpu``: where the networks are computed.
+    set
+        Settings that change from now on, for example ``{"ppo.learning_rate": 1e-4}``. The run folder notes
+        them. What its checkpoints have built in, such as ``ppo.hidden``, cannot change.
+    callback
+        Told the metrics of each iteration.
+
+    Returns
+    -------
+    Run
+        What `load_run` reads from the folder.
 
     Raises
     ------
     ConfigError
-        If the folder holds no run, or the robot file has changed and `robot_changed` does not say what to do.
+        If the folder holds no run, a setting cannot change, or the robot file has changed and `robot_changed`
+        does not say what to do.
     CheckpointError
         If its checkpoint cannot be read.
+    SimulationError
+        If the training diverges. The newest checkpoint stays as it is; `set` can lower the learning rates.
     """
     options = {
         "resume": folder(run, "run"),
         "steps": steps,
         "threads": threads,
         "learner": learner,
+        "set": set,
         "robot_changed": robot_changed,
     }
     invoke(["train"], options, callback)

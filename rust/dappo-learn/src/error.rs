@@ -45,6 +45,16 @@ pub enum LearnError {
         /// NaN or an infinity.
         got: f64,
     },
+    /// Training has left the finite numbers.
+    #[error("the training has diverged: {what} is {got}, expected a finite number; {advice}")]
+    Diverged {
+        /// The quantity.
+        what: String,
+        /// NaN or an infinity.
+        got: f64,
+        /// What to do.
+        advice: String,
+    },
     /// A tensor could not be read from its device.
     #[error("cannot read a tensor of f32: {message}")]
     Tensor {
@@ -103,6 +113,14 @@ pub(crate) fn check_length<T>(what: &'static str, array: &[T], expected: usize) 
         return Ok(());
     }
     Err(LearnError::Length { what, got: array.len(), expected })
+}
+
+/// Fails if a training has diverged, which shows in a `value` that is not finite; says what to do.
+pub(crate) fn check_converging(what: impl Into<String>, value: f64, advice: &str) -> Result<f64> {
+    if value.is_finite() {
+        return Ok(value);
+    }
+    Err(LearnError::Diverged { what: what.into(), got: value, advice: advice.into() })
 }
 
 /// Fails unless `value` is finite.

@@ -1,12 +1,14 @@
 //! The run folder: `config.toml meta.json robot/ metrics.jsonl checkpoints/ eval/`.
 
 use std::fs::{self, File};
+use std::io::ErrorKind;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::config::{Config, Layers};
+use crate::checkpoint::Progress;
+use crate::config::{Change, Config, Layers, changes};
 use crate::error::{LearnError, Result};
 use crate::files::{self, io, own_folder, read_text, write_atomically};
 use crate::metrics::{Metrics, MetricsLog};
@@ -37,6 +39,16 @@ pub struct Meta {
     pub platform: String,
     /// The command that started the run.
     pub command: Vec<String>,
+}
+
+/// A setting that changed when the run went on, in `meta.json`.
+#[derive(Serialize)]
+struct ChangeRecord {
+    /// Iterations and env steps done before.
+    iteration: u64,
+    env_steps: u64,
+    #[serde(flatten)]
+    change: Change,
 }
 
 impl RunFolder {
@@ -135,19 +147,25 @@ impl RunFolder {
 
     /// Version of the program that made the run, as `meta.json` has it.
     pub fn version(&self) -> Result<String> {
-        let path = self.root.join("meta.json");
+        let path = self.meta_path();
         let text = read_text(&path).map_err(io(&path))?;
-        let meta: serde_json::Value = serde_json::from_str(&text)
-            .map_err(|error| LearnError::Invalid(format!("{}: {error}", path.display())))?;
+        let meta: serde_json::Value = serde_json::from_str(&text).map_err(|error| unusable(&path, &error))?;
         Ok(meta.get("version").and_then(serde_json::Value::as_str).unwrap_or("unknown").to_owned())
     }
 
-    fn write_meta(&self, meta: &Meta) -> Result<()> {
-        let path = self.root.join("meta.json");
-        let text =
-            serde_json::to_string_pretty(meta).map_err(|error| LearnError::Invalid(error.to_string()))?;
+    fn meta_path(&self) -> PathBuf {
+        self.root.join("meta.json")
+    }
+
+    fn write_meta(&self, meta: &impl Serialize) -> Result<()> {
+        let path = self.meta_path();
+        let text = serde_json::to_string_pretty(meta).map_err(|error| unusable(&path, &error))?;
         write_atomically(&path, text.as_bytes())
     }
+}
+
+fn unusable(path: &Path, error: &dyn std::fmt::Display) -> LearnError {
+    LearnError::Invalid(format!("{}: {error}", path.display()))
 }
 
 /// A run folder that this process alone may train until it is dropped; the lock of a killed process is gone.
@@ -171,13 +189,30 @@ impl LockedRun {
         keep(&self.root, robot)
     }
 
-    /// Notes a new budget of env steps in `config.toml`.
-    pub fn extend(&self, total_steps: u64) -> Result<()> {
-        let (_, config) = RunFolder::open(&self.root)?;
-        if config.total_steps == total_steps {
+    /// Writes a changed configuration into `config.toml`, and under `changes` in `meta.json` which settings changed,
+    /// and where the run stood.
+    pub fn change(&self, config: &Config, progress: Progress) -> Result<()> {
+        let (_, before) = RunFolder::open(&self.root)?;
+        let changes = changes(&before, config)?;
+        if changes.is_empty() {
             return Ok(());
         }
-        write_atomically(&self.config_path(), Config { total_steps, ..config }.to_toml()?.as_bytes())
+        let path = self.meta_path();
+        let mut meta: serde_json::Map<String, serde_json::Value> = match read_text(&path) {
+            Ok(text) => serde_json::from_str(&text).map_err(|error| unusable(&path, &error))?,
+            Err(error) if error.kind() == ErrorKind::NotFound => serde_json::Map::new(),
+            Err(error) => return Err(io(&path)(error)),
+        };
+        let list = meta.entry("changes").or_insert_with(|| serde_json::Value::Array(Vec::new()));
+        let Some(list) = list.as_array_mut() else { return Err(unusable(&path, &"`changes` is no list")) };
+        let Progress { iteration, env_steps, .. } = progress;
+        for change in changes {
+            let record = ChangeRecord { iteration, env_steps, change };
+            list.push(serde_json::to_value(record).map_err(|error| unusable(&path, &error))?);
+        }
+        // The record first: a kill between the two leaves one too many, and no change without a record.
+        self.write_meta(&meta)?;
+        write_atomically(&self.config_path(), config.to_toml()?.as_bytes())
     }
 
     /// Appends one line to `metrics.jsonl`.

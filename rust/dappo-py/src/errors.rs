@@ -127,7 +127,9 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         LearnError::Sim(error) => return from_sim(error),
         LearnError::Config { .. } | LearnError::Settings(_) | LearnError::Invalid(_) => Kind::Config,
         LearnError::Length { .. } => Kind::Shape,
-        LearnError::NonFinite { .. } | LearnError::Tensor { .. } => Kind::Simulation,
+        LearnError::NonFinite { .. } | LearnError::Diverged { .. } | LearnError::Tensor { .. } => {
+            Kind::Simulation
+        }
         LearnError::Mismatch { .. }
         | LearnError::Checkpoint { .. }
         | LearnError::Dataset { .. }

@@ -82,6 +82,14 @@ impl Layers {
         self.set(key, value)
     }
 
+    /// What is there for a dotted key.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&toml::Value> {
+        let mut parts = key.split('.');
+        let first = self.table.get(parts.next()?);
+        parts.fold(first, |value, part| value?.get(part))
+    }
+
     /// The layers as settings of any kind. An error lists all that is wrong with their names and types.
     pub fn typed<T: DeserializeOwned>(mut self) -> Result<T, LearnError> {
         let (typed, mut faults) = sift(&mut self.table);

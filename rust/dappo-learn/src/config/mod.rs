@@ -3,6 +3,7 @@
 //! Sources, later ones win: defaults → the robot's own file in `configs/` or `--config` → command-line
 //! flags → `--set key=value`. The resolved configuration is written into the run folder.
 
+mod changes;
 mod faults;
 mod layers;
 mod sift;
@@ -17,6 +18,7 @@ use crate::error::LearnError;
 use crate::ppo::PpoConfig;
 use crate::simulator::Compute;
 
+pub use changes::{Change, change, changes};
 pub(crate) use faults::describe;
 pub use faults::{Fault, Faults};
 pub use layers::Layers;

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Distance, PolicyProblem, Problem};
-use super::loss::{Objective, kl_divergence, kl_penalty, log_prob, surrogate};
+use super::loss::{Objective, kl_divergence, kl_penalty, log_prob, ratio, surrogate};
 use crate::error::Result;
 use crate::nn::{GaussianPolicy, Mlp, scalar};
 
@@ -83,7 +83,7 @@ impl Problem<GaussianPolicy> for ComposedPolicy {
         let batch = self.batch.select(&indices(minibatch, &self.device));
         let (mean, log_std) = (policy.mean.forward(batch.obs), policy.log_std.val());
         let log_prob = log_prob(batch.actions, mean.clone(), log_std.clone());
-        let ratio = (log_prob - batch.log_probs).exp();
+        let ratio = ratio(log_prob, batch.log_probs);
         let kl = kl_divergence(batch.means, self.old_log_std.clone(), mean, log_std);
         let penalty = kl_penalty(kl, kl_coef, kl_target, kl_hinge);
         let loss = penalty - surrogate(ratio, batch.advantages, clip_range);
@@ -96,7 +96,7 @@ impl PolicyProblem for ComposedPolicy {
         let (batch, policy) = (&self.probe, policy.valid());
         let (mean, log_std) = (policy.mean.forward(batch.obs.clone()), policy.log_std.val());
         let log_prob = log_prob(batch.actions.clone(), mean.clone(), log_std.clone());
-        let ratio = (log_prob - batch.log_probs.clone()).exp();
+        let ratio = ratio(log_prob, batch.log_probs.clone());
         let outside = ratio.sub_scalar(1.0).abs().greater_elem(self.objective.clip_range);
         let kl = kl_divergence(batch.means.clone(), self.old_log_std.clone(), mean, log_std);
         Ok(Distance { kl: scalar(kl)?, clip_fraction: scalar(outside.float().mean())? })

@@ -7,7 +7,7 @@ use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
 use super::minibatch::shuffled;
-use crate::error::{Result, check_finite};
+use crate::error::{Result, check_converging};
 use crate::nn::{GaussianPolicy, Mlp, scalar};
 
 /// A batch, and the loss that a network is to have on it.
@@ -83,13 +83,14 @@ impl Descent<'_, GaussianPolicy> {
         for epoch in 1..=config.epochs {
             let loss = self.pass(problem, config.minibatch_size, &mut stream)?;
             let Distance { kl, clip_fraction } = problem.distance(self.net)?;
-            check_finite(format!("policy loss of epoch {epoch}"), loss)?;
-            check_finite(format!("KL divergence after epoch {epoch}"), kl)?;
+            check_converging(format!("policy loss of epoch {epoch}"), loss, ADVICE)?;
+            check_converging(format!("KL divergence after epoch {epoch}"), kl, ADVICE)?;
             outcome = PolicyOutcome { loss, kl, clip_fraction, epochs_run: epoch };
             if kl > config.kl_stop * config.kl_target {
                 break;
             }
         }
+        check_weights("policy", &self.net.mean)?;
         Ok(outcome)
     }
 }
@@ -105,8 +106,21 @@ impl Descent<'_, Mlp> {
         let mut loss = 0.0;
         for epoch in 1..=config.value_epochs {
             loss = self.pass(problem, config.value_minibatch_size, &mut stream)?;
-            check_finite(format!("value loss of epoch {epoch}"), loss)?;
+            check_converging(format!("value loss of epoch {epoch}"), loss, ADVICE)?;
         }
+        // The losses are those before each step; the last step shows only here.
+        check_weights("value net", self.net)?;
         Ok(loss)
     }
+}
+
+/// What to do where a training has diverged; who knows the run says more.
+const ADVICE: &str = "train with lower learning rates";
+
+/// Fails unless all weights are finite, so that no checkpoint holds a network that is of no use.
+fn check_weights(name: &str, net: &Mlp) -> Result<()> {
+    let bad = net.parameters()?.into_iter().find(|weight| !weight.is_finite());
+    bad.map_or(Ok(()), |weight| {
+        check_converging(format!("weight of the {name}"), f64::from(weight), ADVICE).map(drop)
+    })
 }

@@ -1,7 +1,10 @@
 //! The policy's loss and its gradients with respect to the means and the log-stds, row by row.
 
 use super::batch::PolicyBatch;
+use super::loss;
 use crate::nn::actor_critic::LN_SQRT_TAU;
+
+const MAX_LOG_RATIO: f32 = loss::MAX_LOG_RATIO as f32;
 
 /// The current and the old standard deviations, in the forms that every row needs.
 pub(super) struct Gaussian {
@@ -31,11 +34,11 @@ impl Gaussian {
         self.inverse_std.len()
     }
 
-    /// ρ, the probability of an action under the current policy over that under the old one.
-    fn ratio(&self, action: &[f32], mean: &[f32], old_log_prob: f32) -> f32 {
+    /// ln ρ, with ρ the probability of an action under the current policy over that under the old one.
+    fn log_ratio(&self, action: &[f32], mean: &[f32], old_log_prob: f32) -> f32 {
         let components = action.iter().zip(mean).zip(&self.inverse_std);
         let squares: f32 = components.map(|((a, mean), inverse)| ((a - mean) * inverse).powi(2)).sum();
-        (-0.5 * squares - self.log_constant - old_log_prob).exp()
+        -0.5 * squares - self.log_constant - old_log_prob
     }
 
     /// KL(old ‖ current) summed over rows.
@@ -53,7 +56,7 @@ impl Gaussian {
     pub fn clipped(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32], clip_range: f64) -> usize {
         let outside = |(index, mean): &(&i32, &[f32])| {
             let action = row(batch.actions, **index, mean.len());
-            let ratio = self.ratio(action, mean, batch.log_probs[**index as usize]);
+            let ratio = ratio(self.log_ratio(action, mean, batch.log_probs[**index as usize]));
             (ratio - 1.0).abs() > clip_range as f32
         };
         rows.iter().zip(means.chunks_exact(self.actions())).filter(outside).count()
@@ -68,7 +71,7 @@ impl Gaussian {
     /// ∂/∂ln σ = −s (z² − 1)   + c (1 − (σ_old² + (μ − μ_old)²) / σ²)
     /// ```
     ///
-    /// where s is Â ρ, or 0 where the clip range takes hold.
+    /// where s is Â ρ, or 0 where the clip range or the bound of ln ρ takes hold.
     ///
     /// # Shapes
     /// rows `[M]`, means and gradients `[M, A]`
@@ -89,10 +92,11 @@ impl Gaussian {
         {
             let (action, old_mean) = (row(batch.actions, *index, width), row(batch.means, *index, width));
             let advantage = batch.advantages[*index as usize];
-            let ratio = self.ratio(action, mean, batch.log_probs[*index as usize]);
+            let log_ratio = self.log_ratio(action, mean, batch.log_probs[*index as usize]);
+            let ratio = ratio(log_ratio);
             let (free, clipped) = (ratio * advantage, ratio.clamp(low, high) * advantage);
             sums.surrogate += f64::from(free.min(clipped));
-            let slope = if free <= clipped { free } else { 0.0 };
+            let slope = if free <= clipped && !is_bounded(log_ratio) { free } else { 0.0 };
             let of_row = gradient
                 .iter_mut()
                 .zip(&mut sums.log_std_gradient)
@@ -134,6 +138,16 @@ pub(super) struct Sums {
     pub log_std_gradient: Vec<f32>,
 }
 
+/// ρ of ln ρ, which is bounded first.
+fn ratio(log_ratio: f32) -> f32 {
+    if is_bounded(log_ratio) { MAX_LOG_RATIO } else { log_ratio }.exp()
+}
+
+/// Whether the bound takes hold, which it does not of NaN: that must show.
+fn is_bounded(log_ratio: f32) -> bool {
+    log_ratio > MAX_LOG_RATIO
+}
+
 /// Row `index` of a row-major matrix.
 fn row(matrix: &[f32], index: i32, width: usize) -> &[f32] {
     &matrix[index as usize * width..][..width]
@@ -144,42 +158,89 @@ mod tests {
     use super::super::loss::Objective;
     use super::*;
 
-    #[test]
-    fn loss_and_gradients_equal_finite_differences_of_numpy() {
-        // a = np.array([[.3, -.2], [-.5, .8], [1.1, .1]]); m = np.array([[.1, .0], [-.3, .4], [.9, -.4]])
-        // om = np.array([[.0, .1], [-.2, .5], [.7, -.3]]); ols = np.array([-.4, -.45]); old = np.array([-1.5, -1.3, -1.2])
-        // adv = np.array([1., -2., .5]); ls = np.array([-.5, -.3])
-        // def loss(m, ls):
-        //     lp = (-.5 * ((a - m) / np.exp(ls)) ** 2 - ls - .5 * np.log(2 * np.pi)).sum(1)
-        //     r = np.exp(lp - old)                                    # [1.45, 1.06, .89]: the first is clipped
-        //     s = np.minimum(r * adv, np.clip(r, .8, 1.2) * adv).mean()
-        //     kl = (ls - ols + (np.exp(2 * ols) + (m - om) ** 2) / (2 * np.exp(2 * ls)) - .5).sum(1).mean()
-        //     return 1.7 * kl + 50 * max(0, kl - .02) ** 2 - s        # kl = .067
-        // gradients: (loss(x + h) - loss(x - h)) / 2h with h = 1e-6
-        const LOSS: f64 = 0.388_423_742_8;
-        const MEAN_GRADIENT: [f64; 6] =
-            [0.583_559_85, -0.391_171_87, -0.969_175_08, 0.125_799_37, 1.086_756_99, -0.525_843_72];
-        const LOG_STD_GRADIENT: [f64; 2] = [-2.276_486_172, 1.129_852_178];
+    // a = np.array([[.3, -.2], [-.5, .8], [1.1, .1]]); m = np.array([[.1, .0], [-.3, .4], [.9, -.4]])
+    // om = np.array([[.0, .1], [-.2, .5], [.7, -.3]]); ols = np.array([-.4, -.45]); ls = np.array([-.5, -.3])
+    // def loss(m, ls):
+    //     lp = (-.5 * ((a - m) / np.exp(ls)) ** 2 - ls - .5 * np.log(2 * np.pi)).sum(1)
+    //     r = np.exp(np.minimum(lp - old, 20))
+    //     s = np.minimum(r * adv, np.clip(r, .8, 1.2) * adv).mean()
+    //     kl = (ls - ols + (np.exp(2 * ols) + (m - om) ** 2) / (2 * np.exp(2 * ls)) - .5).sum(1).mean()
+    //     return 1.7 * kl + 50 * max(0, kl - .02) ** 2 - s        # kl = .067
+    // gradients: (loss(x + h) - loss(x - h)) / 2h with h = 1e-5, all arrays np.longdouble
+    const ACTIONS: [f32; 6] = [0.3, -0.2, -0.5, 0.8, 1.1, 0.1];
+    const MEANS: [f32; 6] = [0.1, 0.0, -0.3, 0.4, 0.9, -0.4];
+    const OLD_MEANS: [f32; 6] = [0.0, 0.1, -0.2, 0.5, 0.7, -0.3];
+    const LOG_STD: [f32; 2] = [-0.5, -0.3];
+    const OLD_LOG_STD: [f32; 2] = [-0.4, -0.45];
 
-        let batch = PolicyBatch {
+    fn batch(old_log_probs: &[f32; 3], advantages: [f32; 3]) -> PolicyBatch<'_> {
+        PolicyBatch {
             obs: &[],
-            actions: &[0.3, -0.2, -0.5, 0.8, 1.1, 0.1],
-            means: &[0.0, 0.1, -0.2, 0.5, 0.7, -0.3],
-            log_probs: &[-1.5, -1.3, -1.2],
-            advantages: vec![1.0, -2.0, 0.5],
-        };
+            actions: &ACTIONS,
+            means: &OLD_MEANS,
+            log_probs: old_log_probs,
+            advantages: advantages.to_vec(),
+        }
+    }
+
+    /// Compares the loss, to a share of 1e-6 of it, and its gradients with respect to the means and the log-stds.
+    fn assert_equal(batch: &PolicyBatch, expected_loss: f64, expected: [f64; 8]) {
         let objective = Objective { clip_range: 0.2, kl_coef: 1.7, kl_target: 0.01, kl_hinge: 50.0 };
-        let means = [0.1, 0.0, -0.3, 0.4, 0.9, -0.4];
         let mut mean_gradient = [0.0; 6];
-        let gaussian = Gaussian::new(&[-0.5, -0.3], &[-0.4, -0.45]);
-        let kl = gaussian.kl_sum(&batch, &[0, 1, 2], &means) / 3.0;
+        let gaussian = Gaussian::new(&LOG_STD, &OLD_LOG_STD);
+        let kl = gaussian.kl_sum(batch, &[0, 1, 2], &MEANS) / 3.0;
         let weights = Weights { kl: objective.kl_slope(kl) as f32, clip_range: 0.2, row: 1.0 / 3.0 };
-        let sums = gaussian.gradients(weights, &batch, &[0, 1, 2], &means, &mut mean_gradient);
+        let sums = gaussian.gradients(weights, batch, &[0, 1, 2], &MEANS, &mut mean_gradient);
         let loss = objective.kl_penalty(sums.kl / 3.0) - sums.surrogate / 3.0;
-        assert!((loss - LOSS).abs() < 1e-6, "{loss}, expected {LOSS}");
-        let expected = MEAN_GRADIENT.iter().chain(&LOG_STD_GRADIENT);
+        assert!((loss / expected_loss - 1.0).abs() < 1e-6, "{loss}, expected {expected_loss}");
         for (got, expected) in mean_gradient.iter().chain(&sums.log_std_gradient).zip(expected) {
             assert!((f64::from(*got) - expected).abs() < 2e-6, "{got}, expected {expected}");
         }
+    }
+
+    #[test]
+    fn loss_and_gradients_equal_finite_differences_of_numpy() {
+        // old = np.array([-1.5, -1.3, -1.2]); adv = np.array([1., -2., .5])
+        // r is 1.45, 1.06 and .89: the first is clipped
+        const LOSS: f64 = 0.388_423_742_8;
+        const GRADIENTS: [f64; 8] = [
+            0.583_559_853,
+            -0.391_171_867,
+            -0.969_175_080,
+            0.125_799_366,
+            1.086_756_989,
+            -0.525_843_717,
+            -2.276_486_176,
+            1.129_852_179,
+        ];
+        assert_equal(&batch(&[-1.5, -1.3, -1.2], [1.0, -2.0, 0.5]), LOSS, GRADIENTS);
+    }
+
+    #[test]
+    fn beyond_the_bound_of_the_ratio_they_equal_those_of_numpy_too() {
+        // old = np.array([-1.5, -100., -22.]); adv = np.array([1., -2., -.5])
+        // lp - old is .37, 98.8 and 20.7: nothing but the KL penalty has a gradient
+        const LOSS: f64 = 404_304_329.335_101_66;
+        const GRADIENTS: [f64; 8] = [
+            0.583_559_886,
+            -0.391_171_925,
+            -0.583_559_886,
+            -0.391_171_925,
+            1.167_119_772,
+            -0.391_171_925,
+            -1.776_056_451,
+            1.551_880_414,
+        ];
+        let batch = batch(&[-1.5, -100.0, -22.0], [1.0, -2.0, -0.5]);
+        assert_equal(&batch, LOSS, GRADIENTS);
+        let gaussian = Gaussian::new(&LOG_STD, &OLD_LOG_STD);
+        assert_eq!(gaussian.clipped(&batch, &[0, 1, 2], &MEANS, 0.2), 3);
+    }
+
+    #[test]
+    fn a_ratio_that_is_no_number_stays_none() {
+        assert!(ratio(f32::NAN).is_nan());
+        assert_eq!(ratio(f32::INFINITY), 20.0_f32.exp());
+        assert_eq!(ratio(f32::NEG_INFINITY), 0.0);
     }
 }

@@ -10,6 +10,9 @@ const MAX_KL_COEF: f64 = 35.0;
 const HIGH_KL_COEF: f64 = 30.0;
 const MIN_LR_FACTOR: f64 = 0.1;
 const ADAPTATION_STEP: f64 = 1.5;
+/// Bound of ln ρ from above. Such a ratio means a policy that has moved by several standard deviations; much beyond,
+/// `exp` leaves the finite numbers and the whole training with it. At the bound the ratio stops to depend on the policy.
+pub(super) const MAX_LOG_RATIO: f64 = 20.0;
 
 /// What one update measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -112,6 +115,15 @@ pub fn log_prob(actions: Tensor<2>, mean: Tensor<2>, log_std: Tensor<1>) -> Tens
     let log_std = log_std.unsqueeze::<2>();
     let z = (actions - mean) * log_std.clone().neg().exp();
     (z.square().mul_scalar(-0.5) - log_std).sub_scalar(LN_SQRT_TAU).sum_dim(1)
+}
+
+/// The probability ratios ρ = exp(min(ln π − ln π_old, 20)).
+///
+/// # Shapes
+/// `log_prob`, `old_log_prob` `[M, 1]`; returns `[M, 1]`
+#[must_use]
+pub fn ratio(log_prob: Tensor<2>, old_log_prob: Tensor<2>) -> Tensor<2> {
+    (log_prob - old_log_prob).clamp_max(MAX_LOG_RATIO).exp()
 }
 
 /// The clipped surrogate E[min(ρ Â, clip(ρ, 1 ± ε) Â)] of probability ratios ρ.

@@ -9,10 +9,10 @@ use dappo_sim::curriculum::stage_at;
 use crate::checkpoint::{Checkpoint, Progress};
 use crate::config::Config;
 use crate::envs::EnvFactory;
-use crate::error::Result;
+use crate::error::{LearnError, Result};
 use crate::gae::gae;
 use crate::metrics::Metrics;
-use crate::ppo::Ppo;
+use crate::ppo::{Ppo, PpoConfig};
 use crate::run_folder::LockedRun;
 
 use session::Session;
@@ -36,29 +36,30 @@ pub struct Outcome {
     pub interrupted: bool,
 }
 
-/// Trains until the budget is spent, from the newest checkpoint when `resume` is set. A run that was stopped before
-/// its first checkpoint begins anew.
+/// Trains until the budget is spent. A run goes on from its newest checkpoint when `resume` is given: what its folder
+/// is to hold as its configuration from now on. One that was stopped before its first checkpoint begins anew.
 pub fn train(
     config: &Config,
     factory: &dyn EnvFactory,
     run: &LockedRun,
-    resume: bool,
+    resume: Option<&Config>,
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
     let mut session = Session::new(config, factory)?;
     let is_fresh = !run.has_metrics() && !Checkpoint::any(&run.checkpoints())?;
-    if resume && !is_fresh {
+    if resume.is_some() && !is_fresh {
         session.load(run, config)?;
     } else {
         session.save(run)?;
     }
-    if resume {
+    if let Some(changed) = resume {
         // Only now, when it is certain that the run can go on.
-        run.extend(config.total_steps)?;
+        run.change(changed, session.progress)?;
     }
     let mut interrupted = false;
     while session.progress.env_steps < config.total_steps && !interrupted {
-        let metrics = iterate(&mut session, config, factory)?;
+        let metrics = iterate(&mut session, config, factory)
+            .map_err(|error| with_advice(error, config, run, session.progress.iteration + 1))?;
         run.append_metrics(&metrics)?;
         observer.iteration(&metrics);
         interrupted = observer.should_stop();
@@ -68,6 +69,21 @@ pub fn train(
         }
     }
     Ok(Outcome { progress: session.progress, ppo: session.ppo, interrupted })
+}
+
+/// Says of a training that has diverged how it can go on: nothing of it has been saved since the newest checkpoint.
+fn with_advice(error: LearnError, config: &Config, run: &LockedRun, iteration: u64) -> LearnError {
+    let LearnError::Diverged { what, got, .. } = error else { return error };
+    let PpoConfig { learning_rate, value_learning_rate, .. } = config.ppo;
+    let advice = format!(
+        "go on from the newest checkpoint with smaller steps, for example with half the learning rates: dappo-batch \
+         train --resume {} --set ppo.learning_rate={:?} ppo.value_learning_rate={:?}; if it diverges again, remove the \
+         newest folder in checkpoints/ to go on from the one before",
+        run.root().display(),
+        learning_rate / 2.0,
+        value_learning_rate / 2.0
+    );
+    LearnError::Diverged { what: format!("in iteration {iteration} the {what}"), got, advice }
 }
 
 /// One iteration.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use burn::tensor::Device;
-use dappo_learn::{Ppo, PpoConfig, PpoLosses, Rollout, gae};
+use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, gae};
 use dappo_sim::rng::{Purpose, Stream};
 
 const OBS: usize = 3;
@@ -157,6 +157,34 @@ fn an_update_that_goes_too_far_stops_early_and_raises_the_kl_weight() {
     assert!(losses.kl > 4.0 * config.kl_target, "{losses:?}");
     assert!(losses.epochs_run < 10, "{losses:?}");
     assert_eq!(losses.kl_coef, 1.5);
+}
+
+#[test]
+fn a_training_that_diverges_says_so_and_leaves_no_network_of_no_use() {
+    let config = PpoConfig { learning_rate: 1e30, value_learning_rate: 1e30, ..small() };
+    let mut ppo = learner(&config);
+    let error = (0..3).find_map(|iteration| {
+        let rollout = play(&ppo, iteration);
+        let targets = gae(&rollout, 0.9, 0.9).unwrap();
+        ppo.update(&rollout, &targets).err()
+    });
+    assert!(matches!(error, Some(LearnError::Diverged { .. })), "{error:?}");
+    let message = error.unwrap().to_string();
+    assert!(message.starts_with("the training has diverged: "), "{message}");
+    assert!(message.contains("expected a finite number"), "{message}");
+}
+
+#[test]
+fn a_checkpoint_whose_weights_are_not_finite_is_refused_with_its_path() {
+    let dir = temporary("not-finite");
+    // Steps as long as the largest number: the second along the same way is beyond it.
+    let mut ppo = learner(&PpoConfig { value_learning_rate: f64::from(f32::MAX), ..small() });
+    let rollout = play(&ppo, 0);
+    let _ = ppo.update(&rollout, &gae(&rollout, 0.9, 0.9).unwrap());
+    ppo.save(&dir).unwrap();
+    let message = Ppo::load(&dir, &small(), &Device::flex()).err().unwrap().to_string();
+    assert!(message.contains("value.bpk: a weight is not a finite number"), "{message}");
+    std::fs::remove_dir_all(dir).unwrap();
 }
 
 #[test]

@@ -5,7 +5,8 @@ use std::sync::Barrier;
 use std::thread;
 
 use dappo_learn::Simulator;
-use dappo_learn::config::Config;
+use dappo_learn::checkpoint::Progress;
+use dappo_learn::config::{Config, change};
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 
 const RIVALS: u64 = 8;
@@ -57,6 +58,37 @@ fn of_many_that_begin_at_once_one_makes_the_run() {
         assert_eq!(config.seed, winners[0]);
         std::fs::remove_dir_all(&root).unwrap();
     }
+}
+
+#[test]
+fn a_changed_configuration_is_written_and_noted_with_where_the_run_stood() {
+    let root = scratch("changed");
+    let run = create(&root, 3).unwrap();
+    let (_, before) = RunFolder::open(&root).unwrap();
+    let noted = || -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(root.join("meta.json")).unwrap()).unwrap()
+    };
+    let progress = |iteration| Progress { iteration, env_steps: 64 * iteration, stage: 0 };
+    run.change(&before, progress(1)).unwrap();
+    assert!(noted().get("changes").is_none());
+
+    let after = change(&before, &["ppo.learning_rate=0.0001".into(), "env.threads=2".into()]).unwrap();
+    run.change(&after, progress(5)).unwrap();
+    run.change(&change(&after, &["ppo.learning_rate=0.00005".into()]).unwrap(), progress(7)).unwrap();
+    let entry = |iteration: u64, key: &str, from: serde_json::Value, to: serde_json::Value| {
+        let env_steps = 64 * iteration;
+        serde_json::json!({ "iteration": iteration, "env_steps": env_steps, "key": key, "from": from, "to": to })
+    };
+    let expected = serde_json::json!([
+        entry(5, "env.threads", serde_json::Value::Null, 2.into()),
+        entry(5, "ppo.learning_rate", 3e-4.into(), 1e-4.into()),
+        entry(7, "ppo.learning_rate", 1e-4.into(), 5e-5.into()),
+    ]);
+    assert_eq!(noted()["changes"], expected);
+    assert_eq!(noted()["reward"], "gym");
+    let (_, read) = RunFolder::open(&root).unwrap();
+    assert_eq!((read.ppo.learning_rate, read.env.threads, read.seed), (5e-5, Some(2), 3));
+    std::fs::remove_dir_all(&root).unwrap();
 }
 
 #[test]

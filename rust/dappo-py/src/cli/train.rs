@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use dappo_learn::LearnerDevice;
 use dappo_learn::checkpoint::Checkpoint;
-use dappo_learn::config::Config;
+use dappo_learn::config::{Config, change};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
 use dappo_learn::robot_files::RobotFiles;
@@ -26,8 +26,8 @@ use crate::run_robot::{OpenRun, RobotCopy};
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
-        let (run, config, robot) = reopen(py, folder, arguments)?;
-        (config, Some((run, robot)))
+        let Reopened { run, robot, changed, config } = reopen(py, folder, arguments)?;
+        (config, Some((run, robot, changed)))
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
@@ -35,15 +35,14 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     let factory = settings::ready(py, &mut config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
-    let resume = resumed.is_some();
-    let run = match resumed {
-        Some((run, robot)) => {
+    let (run, changed) = match resumed {
+        Some((run, robot, changed)) => {
             if let Some(robot) = robot {
                 keep_robot(&run, &config, &factory, &robot).map_err(|error| from_learn(&error))?;
             }
-            run
+            (run, Some(changed))
         }
-        None => create(py, arguments, &config, &factory, argv, pool.num_threads())?,
+        None => (create(py, arguments, &config, &factory, argv, pool.num_threads())?, None),
     };
     if !arguments.json {
         console::note(&describe(&config, &factory, &run));
@@ -53,7 +52,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     let interrupted = caller.watch()?;
     let objects = arguments.json.then_some(caller);
     let mut display = Display::new(&config, objects, Arc::clone(&interrupted));
-    let outcome = pool.run(py, || train(&config, &factory, &run, resume, &mut display));
+    let outcome = pool.run(py, || train(&config, &factory, &run, changed.as_ref(), &mut display));
     display.finish();
     let outcome = outcome?;
     if outcome.interrupted {
@@ -80,28 +79,38 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     Ok(0)
 }
 
-/// Opens a run to go on with, and the robot that it is to keep if that is another one than it has.
-///
-/// `--steps` may extend its budget, and another machine may have other threads and devices of networks.
-fn reopen(
-    py: Python<'_>,
-    folder: &Path,
-    arguments: &TrainArgs,
-) -> PyResult<(LockedRun, Config, Option<RobotFiles>)> {
-    let OpenRun { folder, mut config, robot, is_kept, .. } =
+/// A run to go on with.
+struct Reopened {
+    run: LockedRun,
+    /// The robot that it is to keep, if that is another one than it has.
+    robot: Option<RobotFiles>,
+    /// What its folder is to hold as its configuration from now on.
+    changed: Config,
+    /// The same for this machine, with the robot to compile.
+    config: Config,
+}
+
+/// Opens a run to go on with; `--steps` may extend its budget, `--set` change some settings, and another machine may
+/// have other threads and devices of networks.
+fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<Reopened> {
+    let OpenRun { folder, config: simulated, robot, is_kept, .. } =
         OpenRun::open(py, folder, arguments.robot_changed)?;
     let run = folder.lock().map_err(|error| from_learn(&error))?;
     let robot = if is_kept { None } else { Some(robot.to_keep(py)?) };
+    let (_, stored) = RunFolder::open(run.root()).map_err(|error| from_learn(&error))?;
+    let mut changed = change(&stored, &arguments.config.set).map_err(|error| from_learn(&error))?;
     if let Some(steps) = arguments.config.steps {
-        config.total_steps = steps as u64;
+        changed.total_steps = steps as u64;
     }
+    let mut config = changed.clone();
     if let Some(threads) = arguments.config.threads {
         config.env.threads = Some(threads as usize);
     }
     if let Some(device) = &arguments.config.learner {
         config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
     }
-    Ok((run, config, robot))
+    config.robot = simulated.robot;
+    Ok(Reopened { run, robot, changed, config })
 }
 
 /// Keeps a copy of another robot, if the policy can control that.

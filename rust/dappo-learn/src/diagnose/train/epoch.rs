@@ -8,13 +8,16 @@ use super::session::Session;
 use super::{BestEpoch, EpochMetrics, EpochProgress, Observer};
 use crate::diagnose::head::best;
 use crate::diagnose::{Diagnoser, Sample};
-use crate::error::{Result, check_finite};
+use crate::error::{Result, check_converging};
 use crate::ppo::ranges;
 
 /// Minibatches from one report of progress to the next.
 const REPORT_EVERY: usize = 50;
 /// Windows validated at once.
 const VALIDATION_BATCH: usize = 256;
+
+/// What to do where a training has diverged.
+const ADVICE: &str = "train anew with a lower learning rate, for example --set learning_rate=0.0001";
 
 impl Session<'_> {
     /// One epoch; `None` if the observer stopped it, after which the session must not be used any more.
@@ -72,9 +75,10 @@ impl Session<'_> {
             next = read?;
             sum += loss? * samples.len() as f64;
             done += samples.len();
-            let train_loss = check_finite(
+            let train_loss = check_converging(
                 format!("train loss of epoch {epoch}, minibatch {}", index + 1),
                 sum / done as f64,
+                ADVICE,
             )?;
             if (index + 1) % REPORT_EVERY == 0 || index + 1 == minibatches.len() {
                 observer.progress(&EpochProgress {
@@ -102,8 +106,8 @@ impl Session<'_> {
             }
         }
         let count = self.validation.len() as f64;
-        let loss =
-            check_finite(format!("validation loss of epoch {}", self.position.epoch + 1), loss / count)?;
+        let what = format!("validation loss of epoch {}", self.position.epoch + 1);
+        let loss = check_converging(what, loss / count, ADVICE)?;
         Ok((loss, correct as f64 / count))
     }
 }

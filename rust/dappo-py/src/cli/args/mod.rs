@@ -154,8 +154,8 @@ pub struct TrainArgs {
     /// Run folder [default: runs/ROBOT-SEED-TIME]
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
-    /// Go on with an earlier run; --steps may extend it
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics", "set"])]
+    /// Go on with an earlier run; --steps may extend it, --set change settings that its checkpoints do not depend on
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics"])]
     pub resume: Option<PathBuf>,
     /// Where the robot file has changed since the run began [default: stop, and say what differs]
     #[arg(long, value_name = "WHICH", requires = "resume")]
