@@ -5,10 +5,10 @@ Importing this module begins that, so it comes before all other imports; `end` e
 
 from __future__ import annotations
 
+# The built-in part of `signal`, as the whole of it takes a while to import, too.
+import _signal  # type: ignore[import-not-found]
 import os
-import signal
 import sys
-from types import FrameType
 
 __all__ = ["end"]
 
@@ -17,11 +17,11 @@ _INTERRUPTED = 130
 
 def end() -> None:
     """Give Ctrl-C back to Python: everything is imported."""
-    if signal.getsignal(signal.SIGINT) is _leave:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if _signal.getsignal(_signal.SIGINT) is _leave:
+        _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _leave(number: int, frame: object) -> None:
     # Nothing has been written that would have to be flushed, and an exception would end in a traceback.
     os._exit(_INTERRUPTED)
 
@@ -30,6 +30,6 @@ def _leave(number: int, frame: FrameType | None) -> None:
 # shell, which ignores Ctrl-C.
 if (
     os.path.basename(sys.argv[0] if sys.argv else "").startswith("dappo-batch")
-    and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler
 ):
-    signal.signal(signal.SIGINT, _leave)
+    _signal.signal(_signal.SIGINT, _leave)
