@@ -67,9 +67,6 @@ fn compare(section: &str, from: &toml::Table, to: &toml::Table, found: &mut Vec<
 fn built_in(key: &str) -> Option<&'static str> {
     let (section, name) = key.split_once('.').unwrap_or(("", key));
     match (section, name) {
-        ("", "horizon" | "total_steps" | "curriculum")
-        | ("env", "threads" | "max_episode_steps" | "njmax" | "nconmax")
-        | ("checkpoint" | "evaluation", _) => None,
         ("", "robot") => Some("its networks and episodes are those of this robot"),
         ("", "seed") => Some("its random streams go on from this seed"),
         ("env", "num_envs") => Some("its checkpoints hold the states of so many envs"),
@@ -78,12 +75,15 @@ fn built_in(key: &str) -> Option<&'static str> {
         }
         ("env", "reward") => Some("its value net and its metrics are of this reward"),
         ("env", "observe_damage") => Some("its networks have inputs for these observations"),
-        ("damage", name) if name == "onset" || name.starts_with("onset.") => None,
-        ("damage", _) => Some("its networks and episodes are those of robots with these damages"),
+        ("damage", name) if !name.starts_with("onset") => {
+            Some("its networks and episodes are those of robots with these damages")
+        }
         ("ppo", "hidden") => Some("its networks have these layers"),
         ("ppo", "code_scale") => Some("its networks have learned with this scale"),
         ("ppo", "initial_log_variance") => Some("its policy has begun with it"),
-        ("ppo", _) => None,
+        ("", "horizon" | "total_steps" | "curriculum")
+        | ("env", "threads" | "max_episode_steps" | "njmax" | "nconmax")
+        | ("damage" | "ppo" | "checkpoint" | "evaluation", _) => None,
         _ => Some("its checkpoints depend on it"),
     }
 }

@@ -117,7 +117,7 @@ pub fn log_prob(actions: Tensor<2>, mean: Tensor<2>, log_std: Tensor<1>) -> Tens
     (z.square().mul_scalar(-0.5) - log_std).sub_scalar(LN_SQRT_TAU).sum_dim(1)
 }
 
-/// The probability ratios ρ = exp(min(ln π − ln π_old, 20)).
+/// The probability ratios ρ, whose logarithm is at most 20.
 ///
 /// # Shapes
 /// `log_prob`, `old_log_prob` `[M, 1]`; returns `[M, 1]`
