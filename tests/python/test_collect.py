@@ -204,7 +204,9 @@ def test_a_full_disk_is_named_and_leaves_a_valid_prefix(expert: Path, tmp_path: 
 def test_bad_input_is_refused_before_anything_is_written(expert: Path, tmp_path: Path) -> None:
     out = tmp_path / "data"
     hexapod = tmp_path / "hexapod"
-    dappo_batch("train", *TINY, "--robot", "hexapod", "--steps", str(ITERATION), "--run", hexapod)
+    dappo_batch(
+        "train", *TINY, "--robot", "hexapod", "--healthy", "--steps", str(ITERATION), "--run", hexapod
+    )
     expected = {
         ("--onset", "9-2"): (1, "onset is 9 to 2, expected a range in ascending order"),
         ("--shard", "2/2"): (1, "shard is `2/2`, expected i/n"),

@@ -26,7 +26,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pairs = ("--preset", "residual", "--delay", "3-8", "--rollouts", "4", "--out", root / "pairs")
     done = dappo_batch_many(
         ("train", *TINY, "--steps", "64", "--run", root / "ant"),
-        ("train", *TINY, "--robot", "hexapod", "--steps", "64", "--run", root / "hexapod"),
+        ("train", *TINY, "--robot", "hexapod", "--healthy", "--steps", "64", "--run", root / "hexapod"),
         ("diagnose", "collect", root / "ant", *pairs),
         (
             "diagnose",
