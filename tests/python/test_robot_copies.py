@@ -259,7 +259,9 @@ def test_a_copy_that_is_not_what_was_written_is_refused_by_name(tmp_path: Path) 
 
     header = json.loads(copy.to_write()["robot.json"])
     assert "robot.toml: it has changed" in refusal("robot.toml", copy.files["robot.toml"][:-1])
-    assert "robot.xml: it has more than" in refusal("robot.xml", copy.files["robot.xml"] + b" ")
+    assert "robot.xml: it cannot be read (it has more than" in refusal(
+        "robot.xml", copy.files["robot.xml"] + b" "
+    )
     assert "robot-hat.obj: it cannot be read" in refusal("robot-hat.obj", None)
     assert "robot.json: it is truncated or foreign" in refusal("robot.json", b"{")
     foreign = {**header, "files": {"../../secret": {"bytes": 1, "sha256": ""}}}

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import errno
 import hashlib
 import json
 import os
 import re
-import stat
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -24,7 +22,7 @@ from typing import Any, cast
 import mujoco
 import numpy as np
 
-from dappo_batch._core import CheckpointError, ConfigError
+from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.flatten import flatten, lines, needed_files
@@ -111,9 +109,6 @@ class RobotCopy:
             files = {name: _checked(folder, name, known) for name, known in header["files"].items()}
             check_confined(folder, files)
             return cls(header["origin"], files, header["damage"], header["sources"], header["assets"])
-        except OSError as error:
-            path = Path(error.filename or folder)
-            raise _broken(path, f"it cannot be read ({error.strerror or error})") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise _broken(folder / _HEADER, f"it is truncated or foreign ({error})") from error
 
@@ -290,15 +285,12 @@ def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:
     return content
 
 
-def _read_regular(path: Path, limit: int) -> bytes:
-    """Read a file that may come from somebody else: no link, no pipe, and no longer than expected."""
-    with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(errno.EINVAL, "it is no regular file", str(path))
-        content = file.read(limit + 1)
-    if len(content) > limit:
-        raise _broken(path, f"it has more than {limit} bytes")
-    return content
+def _read_regular(path: Path, most: int) -> bytes:
+    """Read a file that may come from somebody else."""
+    try:
+        return read_file(path, most)
+    except OSError as error:
+        raise _broken(path, f"it cannot be read ({error})") from error
 
 
 def _broken(path: Path, why: str) -> CheckpointError:

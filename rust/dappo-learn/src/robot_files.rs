@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::error::Result;
-use crate::files::{TemporaryFolder, io, remove_folder, rename, stem_of, sweep, sync_folder, write_new};
+use crate::files::{TemporaryFolder, io, rename, replace_folder, stem_of, sweep, write_new};
 
 /// Name of the folder.
 const FOLDER: &str = "robot";
@@ -16,11 +16,7 @@ pub type RobotFiles = Vec<(String, Vec<u8>)>;
 
 /// Puts the files of a robot into the folder of a run or a diagnoser, in place of those that are there.
 pub fn keep(root: &Path, files: &RobotFiles) -> Result<()> {
-    let folder = root.join(FOLDER);
-    let written = write(root, files)?;
-    remove_folder(&folder)?;
-    rename(written.path(), &folder)?;
-    sync_folder(root)
+    replace_folder(write(root, files)?, &root.join(FOLDER))
 }
 
 /// Puts the files of a robot into the folder of a dataset, unless some are there: its pieces may begin together.
@@ -46,7 +42,6 @@ fn write(root: &Path, files: &RobotFiles) -> Result<TemporaryFolder> {
     for (name, bytes) in files {
         write_new(&written.path().join(name), bytes)?;
     }
-    sync_folder(written.path())?;
     Ok(written)
 }
 

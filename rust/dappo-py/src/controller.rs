@@ -144,9 +144,9 @@ impl PyController {
 #[pymethods]
 impl PyController {
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "in Python they have names")]
     #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new(),
                         threads=1, robot_changed=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         py: Python<'_>,
         run: PathBuf,
@@ -175,7 +175,7 @@ impl PyController {
     fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize, threads: usize) -> PyResult<Self> {
         let pool = Pool::new(Some(threads))?;
         let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
-        let (skills, settings) = export.controller().map_err(|error| from_learn(&error))?;
+        let (skills, settings) = pool.run(py, || export.controller())?;
         let (factory, config) = open_export(py, &export, threads)?;
         let controller = pool.run(py, || {
             let twins = factory.backend(num_robots, None, config.evaluation.compute())?;

@@ -44,15 +44,13 @@ impl PyPolicy {
         robot_changed: Option<&str>,
     ) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
-        let OpenRun { folder, mut config, .. } =
-            OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
-        config.env.threads = Some(1);
+        let OpenRun { folder, config, .. } = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
         let factory = TableFactory::compile(py, &config)?;
         let LoadedPolicy { ppo, env_steps, .. } =
             pool.run(py, || policy::load(&folder, &config, &factory))?;
         let (width, code_length) = (ppo.normalizer().obs_dim(), ppo.normalizer().code_length());
-        let action_dim = ppo.actor_critic().action_dim();
-        Ok(Self::new(Box::new(ppo), pool, factory.space(), [width, code_length, action_dim], env_steps))
+        let sizes = [width, code_length, ppo.actor_critic().action_dim()];
+        Ok(Self::new(Box::new(ppo), pool, factory.space(), sizes, env_steps))
     }
 
     /// Reads the policy of an export folder.

@@ -38,7 +38,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     let (run, changed) = match resumed {
         Some((run, robot, changed)) => {
             if let Some(robot) = robot {
-                keep_robot(&run, &config, &factory, &robot).map_err(|error| from_learn(&error))?;
+                pool.run(py, || keep_robot(&run, &config, &factory, &robot))?;
             }
             (run, Some(changed))
         }
@@ -158,7 +158,7 @@ fn create(
 fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {
     format!(
         "{} · {} · {} envs × {} steps · reward {} · {} env steps → {}",
-        config.robot,
+        factory.robot().name,
         if config.env.observe_damage { "DA-PPO" } else { "PPO-Unaware" },
         config.env.num_envs,
         config.horizon,
