@@ -21,7 +21,7 @@ impl<'a, 'f> Entries<'a, 'f> {
     }
 
     /// Notes a fault.
-    pub fn fault(&mut self, what: String) {
+    pub fn fault(&mut self, what: &str) {
         let place = if self.place.is_empty() { String::new() } else { format!("{}: ", self.place) };
         self.found.push(format!("{place}{what}"));
     }
@@ -39,12 +39,12 @@ impl<'a, 'f> Entries<'a, 'f> {
         read: impl FnOnce(&'a Value) -> Option<T>,
     ) -> Option<T> {
         let Some(value) = self.get(key) else {
-            self.fault(format!("the entry `{key}` is missing; expected {expected}"));
+            self.fault(&format!("the entry `{key}` is missing; expected {expected}"));
             return None;
         };
         let result = read(value);
         if result.is_none() {
-            self.fault(format!("`{key}` is {}, expected {expected}", shown(value)));
+            self.fault(&format!("`{key}` is {}, expected {expected}", shown(value)));
         }
         result
     }
@@ -109,10 +109,10 @@ impl<'a, 'f> Entries<'a, 'f> {
     pub fn texts(&mut self, key: &'static str, least: usize) -> Vec<&'a str> {
         let Some(values) = self.list(key) else { return Vec::new() };
         if values.len() < least {
-            self.fault(format!("`{key}` is empty, expected a list of texts"));
+            self.fault(&format!("`{key}` is empty, expected a list of texts"));
         }
         if let Some(other) = values.iter().find(|value| text(value).is_none()) {
-            self.fault(format!("`{key}` must be a list of texts in quotes, got {} in it", shown(other)));
+            self.fault(&format!("`{key}` must be a list of texts in quotes, got {} in it", shown(other)));
         }
         values.iter().filter_map(text).collect()
     }
@@ -121,10 +121,10 @@ impl<'a, 'f> Entries<'a, 'f> {
     pub fn terms(&mut self) -> Vec<(usize, &'a Table)> {
         let Some(values) = self.list("terms") else { return Vec::new() };
         if values.is_empty() {
-            self.fault("`terms` is empty, expected a list of tables such as { term = \"NAME\" }".into());
+            self.fault("`terms` is empty, expected a list of tables such as { term = \"NAME\" }");
         }
         for (index, value) in values.iter().enumerate().filter(|(_, value)| !value.is_table()) {
-            self.fault(format!(
+            self.fault(&format!(
                 "term {index} is {}, expected a table such as {{ term = \"NAME\" }}",
                 shown(value)
             ));
@@ -138,7 +138,7 @@ impl<'a, 'f> Entries<'a, 'f> {
             self.table.keys().filter(|key| !self.known.contains(&key.as_str())).take(8).cloned().collect();
         if !unknown.is_empty() {
             let known = self.known.join(", ");
-            self.fault(format!("unknown entries {}; expected {known}", unknown.join(", ")));
+            self.fault(&format!("unknown entries {}; expected {known}", unknown.join(", ")));
         }
     }
 }

@@ -30,7 +30,7 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     if let Some(name) = top.text("name")
         && !is_file_name(name)
     {
-        top.fault(format!(
+        top.fault(&format!(
             "`name` is {name:?}, expected letters, digits, `-`, `_` and `.`, at most 64, the first one no `.`: run \
              folders are called after it"
         ));
@@ -99,12 +99,12 @@ fn check_limbs(limbs: &[Value], found: &mut Vec<String>) -> bool {
         for key in ["name", "body"] {
             let Some(text) = entries.text(key) else { continue };
             if let Some(other) = seen.insert((key, text), index) {
-                entries.fault(format!("`{key}` is {text:?}, which limb {other} has already"));
+                entries.fault(&format!("`{key}` is {text:?}, which limb {other} has already"));
             }
         }
         for joint in entries.texts("joints", 1) {
             if let Some(other) = seen.insert(("joints", joint), index) {
-                entries.fault(format!("the joint {joint:?} is listed by limb {other} already"));
+                entries.fault(&format!("the joint {joint:?} is listed by limb {other} already"));
             }
         }
         entries.optional_text("toe_geom");
@@ -127,16 +127,16 @@ fn check_damage(damage: &Table, limbs: usize, found: &mut Vec<String>) {
     if let Some((index, twice)) =
         types.iter().enumerate().find(|(index, name)| types[..*index].contains(name))
     {
-        entries.fault(format!("`types` lists {twice:?} twice, the second time as entry {index}"));
+        entries.fault(&format!("`types` lists {twice:?} twice, the second time as entry {index}"));
     }
     let most = entries.whole("max_damaged_limbs", 0..=limbs as i64);
     if most.is_some_and(|most| most > 0) && damage.contains_key("types") && types.is_empty() {
-        entries.fault("`max_damaged_limbs` is above 0, but `types` is empty".into());
+        entries.fault("`max_damaged_limbs` is above 0, but `types` is empty");
     }
     // Any other entry is the table of a damage type, whose parameters belong to Python.
     for (key, value) in damage {
         if !matches!(key.as_str(), "types" | "max_damaged_limbs") && !value.is_table() {
-            entries.fault(format!(
+            entries.fault(&format!(
                 "`{key}` is {}; expected `types`, `max_damaged_limbs` or a table [damage.TYPE] with the parameters of a \
                  damage type",
                 shown(value)
@@ -151,7 +151,7 @@ fn check_height(entries: &mut Entries) {
     let is_range = matches!(numbers[..], [low, high] if range.len() == 2 && low < high);
     if !is_range {
         let shown: Vec<String> = range.iter().take(4).map(shown).collect();
-        entries.fault(format!(
+        entries.fault(&format!(
             "`height` is [{}], expected [low, high], two numbers in m with low < high",
             shown.join(", ")
         ));
@@ -172,11 +172,11 @@ fn check_observation(observation: &Table, has_touch: bool, found: &mut Vec<Strin
                 entries.positive("clip", LARGEST);
             }
             Some("touch") if !has_touch => {
-                entries.fault("the term `touch` needs a `touch` sensor on every limb".into());
+                entries.fault("the term `touch` needs a `touch` sensor on every limb");
             }
             Some("qvel" | "touch") | None => {}
             Some(other) => {
-                entries.fault(format!("`term` is {other:?}, expected one of qpos, qvel, cfrc_ext, touch"));
+                entries.fault(&format!("`term` is {other:?}, expected one of qpos, qvel, cfrc_ext, touch"));
                 continue;
             }
         }
@@ -191,7 +191,7 @@ fn check_rewards(reward: &Table, found: &mut Vec<String>) {
         && !names.contains(&default)
     {
         entries
-            .fault(format!("`default` is {default:?}, which is none of the rewards ({})", names.join(", ")));
+            .fault(&format!("`default` is {default:?}, which is none of the rewards ({})", names.join(", ")));
     }
     for name in names {
         let Some(function) = reward[name].as_table() else {
@@ -218,7 +218,7 @@ fn check_reward_term(entries: &mut Entries) {
             entries.positive("clip", LARGEST);
         }
         Some(other) => {
-            return entries.fault(format!(
+            return entries.fault(&format!(
                 "`term` is {other:?}, expected one of forward_velocity, survive, limb_contacts, ctrl_squared, \
                  contact_forces_squared, link_loads_squared"
             ));
