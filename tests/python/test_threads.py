@@ -252,6 +252,15 @@ def test_an_env_goes_on_in_a_forked_process_as_in_its_own(
         np.testing.assert_array_equal(theirs[0], walk()[0])
 
 
+def test_a_device_is_refused_in_a_forked_process(table: ClassTable) -> None:
+    pytest.importorskip("mujoco_warp")
+    envs = dappo_batch.make_vec(table, 2, damage="healthy", seed=0, device="warp-cpu")
+    envs.reset()
+    with pytest.raises(dappo_batch.SimulationError, match=r"before this process was forked.*`spawn`"):
+        in_a_fork(envs.get_state)
+    assert np.isfinite(envs.get_state()[0]).all()
+
+
 def test_networks_work_in_a_forked_process_as_in_their_own(done: Done) -> None:
     root = done[1][0]
     policy = Policy.load(root / "run", threads=2)
