@@ -245,6 +245,7 @@ impl TemporaryFolder {
     }
 
     /// Where it is.
+    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -273,6 +274,7 @@ pub(crate) fn check_names(
 }
 
 /// Puts a new folder where it belongs, in place of an earlier one.
+#[expect(clippy::needless_pass_by_value, reason = "the earlier folder goes where `new` ends")]
 pub(crate) fn replace_folder(new: TemporaryFolder, destination: &Path) -> Result<()> {
     sync_folder(new.path())?;
     // After an exchange the earlier folder has the temporary name, and goes when `new` does.

@@ -97,7 +97,10 @@ proptest! {
                 prop_assert!(weights[classes.at(u)] > 0.0);
                 prop_assert!(weights[classes.at(1.0)] > 0.0);
             }
-            Err(_) => prop_assert!(!is_usable || !(weights.iter().sum::<f64>() > 0.0) || weights.iter().sum::<f64>().is_infinite()),
+            Err(_) => {
+                let sum: f64 = weights.iter().sum();
+                prop_assert!(!is_usable || sum == 0.0 || sum.is_infinite());
+            }
         }
     }
 

@@ -123,7 +123,7 @@ fn give(py: Python<'_>, command: &[OsString], caller: &Caller) -> PyResult<i32> 
     console::note(&format!("dappo-batch {}", command.join(OsStr::new(" ")).display()));
     let cli = cli::parse(command).map_err(|error| raise(Kind::Config, error.to_string()))?;
     match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, &command, caller),
+        Command::Train(arguments) => train::run(py, arguments, command, caller),
         Command::Diagnose(arguments) => match &arguments.command {
             DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments, caller),
             _ => Ok(0),
