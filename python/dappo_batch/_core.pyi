@@ -26,9 +26,11 @@ __all__ = [
     "VectorEnv",
     "__version__",
     "collect_rollout",
+    "read_file",
     "robot_faults",
     "run_cli",
     "run_command",
+    "write_file",
 ]
 
 __version__: str
