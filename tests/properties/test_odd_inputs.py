@@ -16,13 +16,15 @@ from .fuzz.room import Room
 from .fuzz.targets import TARGETS
 
 # Roughly equal times.
-EXAMPLES = {"robot": 40, "table": 30, "environment": 60, "functions": 20, "command_line": 60, "report": 3}
+EXAMPLES = {"robot": 40, "table": 30, "environment": 60, "functions": 20, "command_line": 60, "report": 2}
 EXAMPLES |= {
     "run_folder": 60,
     "diagnoser_folder": 60,
     "dataset": 40,
     "export_folder": 60,
-    "single_env": 3,
+    "single_env": 60,
+    "settings": 60,
+    "configuration": 60,
     "sweep": 8,
 }
 

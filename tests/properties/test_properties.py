@@ -90,7 +90,7 @@ CONFIGS = st.fixed_dictionaries(
 
 
 @given(config=CONFIGS)
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_a_configuration_prints_as_what_it_was_set_to_and_reads_back_equal(
     config: dict[str, Any], tmp_path_factory: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
 ) -> None:

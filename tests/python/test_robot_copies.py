@@ -269,6 +269,18 @@ def test_a_copy_that_is_not_what_was_written_is_refused_by_name(tmp_path: Path) 
     assert "its format is 'other'" in refusal(
         "robot.json", json.dumps({**header, "format": "other"}).encode()
     )
+    assert "robot.json: it is truncated or foreign" in refusal("robot.json", b"[" * 9000)
+    for entry in ("origin", "files", "damage", "sources", "assets"):
+        odd = json.dumps({**header, entry: 1.5}).encode()
+        assert f"robot.json: it is truncated or foreign ({entry} is 1.5)" in refusal("robot.json", odd)
+    lacking = {name: known for name, known in header["files"].items() if name != "robot-hat.obj"}
+    odd = json.dumps({**header, "files": lacking}).encode()
+    assert "it does not list 'robot-hat.obj'" in refusal("robot.json", odd)
+    folder = tmp_path / "copy"
+    (folder / "robot.json").unlink()
+    (folder / "robot.json").mkdir()
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        RobotCopy.read(folder)
     assert RobotCopy.read(tmp_path / "nothing") is None
 
 

@@ -55,9 +55,10 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     ConfigError
         If there is no such mode.
     """
-    if render_mode not in (None, RGB_ARRAY):
-        raise _core.ConfigError(f"render_mode must be None or {RGB_ARRAY!r}, got {render_mode!r}")
-    return render_mode
+    # An array that is compared gives no truth value.
+    if render_mode is None or (isinstance(render_mode, str) and render_mode == RGB_ARRAY):
+        return render_mode
+    raise _core.ConfigError(f"render_mode must be None or {RGB_ARRAY!r}, got {shown(render_mode)}")
 
 
 def painter(table: ClassTable) -> LivePainter:

@@ -106,10 +106,13 @@ class RobotCopy:
             header = json.loads(_read_regular(folder / _HEADER, _HEADER_BYTES))
             if header["format"] != _FORMAT:
                 raise _broken(folder / _HEADER, f"its format is {header['format']!r}, expected {_FORMAT!r}")
+            _check_kinds(header)
             files = {name: _checked(folder, name, known) for name, known in header["files"].items()}
+            if lacking := {COPY_TOML, _MJCF, *header["assets"]} - files.keys():
+                raise _broken(folder / _HEADER, f"it does not list {min(lacking)!r}")
             check_confined(folder, files)
             return cls(header["origin"], files, header["damage"], header["sources"], header["assets"])
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             raise _broken(folder / _HEADER, f"it is truncated or foreign ({error})") from error
 
     def to_write(self) -> dict[str, bytes]:
@@ -274,6 +277,22 @@ def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
     for name, wanted in needed.items():
         if foreign := sorted(wanted - files.keys()):
             raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
+
+
+def _check_kinds(header: dict[str, Any]) -> None:
+    """Refuse a header whose entries are not what `RobotCopy.to_write` writes."""
+    for name, kind in (
+        ("origin", str),
+        ("files", dict),
+        ("damage", dict),
+        ("sources", dict),
+        ("assets", dict),
+    ):
+        if not isinstance(header[name], kind):
+            raise TypeError(f"{name} is {header[name]!r:.40}")
+    for name in ("sources", "assets"):
+        if not all(isinstance(value, str) for value in header[name].values()):
+            raise TypeError(f"{name} holds something that is no text")
 
 
 def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:

@@ -7,7 +7,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 import dappo_batch
@@ -190,13 +189,17 @@ def walk(rng: Random, room: Room) -> None:
     _ = shown.damage_classes, shown.step_seconds
 
 
-def gymnasium_env(rng: Random, room: Room) -> None:
-    """Make a single env with odd options."""
+def single_env(rng: Random, room: Room) -> None:
+    """Make, reset and step a single env with odd options."""
     valid: dict[str, Any] = {
         "damage": "uniform",
         "onset": (0, 3),
         "max_episode_steps": 5,
         "render_mode": None,
     }
-    env = room.call(gymnasium.make, "dappo_batch/Ant-v0", **_options(rng, valid))
-    env.close()
+    env = room.call(dappo_batch.DamageEnv, _table(room.base), **_options(rng, valid))
+    try:
+        room.call(env.reset, **_options(rng, {"seed": 3, "options": {"damage_class": 1, "onset": 2}}))
+        room.call(env.step, values.array(rng, env.action_space.shape))
+    finally:
+        env.close()

@@ -136,7 +136,7 @@ def sign(folder: Path) -> None:
     """Let lengths and checksums fit the files again, so that readers get to see what was changed."""
     for path in _files(folder, "manifest.json"):
         _sign_list(path, "files", lambda data: {"bytes": len(data), "crc32": zlib.crc32(data)})
-    for path in _files(folder, "export.json"):
+    for path in (*_files(folder, "export.json"), *_files(folder, "robot.json")):
         _sign_list(path, "files", lambda data: {"bytes": len(data), "sha256": sha256(data).hexdigest()})
     for path in _files(folder, "diagnoser.toml"):
         weights = path.with_name("weights.bpk")

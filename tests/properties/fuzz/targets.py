@@ -11,10 +11,10 @@ from .room import Room
 Target = Callable[[Random, Room], None]
 
 TARGETS: dict[str, tuple[Target, float]] = {
-    "robot_file": (files.robot_file, 15.0),
+    "robot_file": (files.robot_file, 5.0),
     "robot": (files.robot, 1.0),
-    "configuration": (files.configuration, 15.0),
-    "settings": (files.settings, 20.0),
+    "configuration": (files.configuration, 3.0),
+    "settings": (files.settings, 3.0),
     "damage_spec": (arguments.damage_spec, 20.0),
     "environment": (arguments.environment, 3.0),
     "steps": (arguments.steps, 20.0),
@@ -23,7 +23,7 @@ TARGETS: dict[str, tuple[Target, float]] = {
     "functions": (functions.functions, 3.0),
     "sweep": (functions.sweep, 0.5),
     "walk": (arguments.walk, 10.0),
-    "single_env": (arguments.gymnasium_env, 0.1),
+    "single_env": (arguments.single_env, 3.0),
     "command_line": (commands.command_line, 10.0),
     "run_folder": (folders.run_folder, 4.0),
     "diagnoser_folder": (folders.diagnoser_folder, 4.0),
