@@ -282,3 +282,10 @@ def test_a_browser_shows_the_page_without_a_complaint(folder: Path, tmp_path: Pa
     assert "CONSOLE" not in done.stderr
     # The script of the page has run: the switch offers the other theme.
     assert f">{'Light' if scheme == 'dark' else 'Dark'}</button>" in done.stdout
+
+
+def test_a_trace_with_a_speed_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    trace = write_trace(tmp_path / "walk.csv")
+    trace.write_text(trace.read_text().replace("5,0.5,", "5,fast,", 1))
+    with pytest.raises(CheckpointError, match=r"walk\.csv: not every forward_velocity is a number"):
+        report.write([trace], tmp_path / "page.html")

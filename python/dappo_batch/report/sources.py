@@ -171,6 +171,11 @@ def _add_file(sources: Sources, path: Path) -> None:
         table = read_csv(path, _TRACE)
         if not len(table["step"]):
             raise CheckpointError(f"{path} is a trace without steps; make it anew with `adapt --log`")
+        for name in ("step", "forward_velocity"):
+            if table[name].dtype.kind not in "if":
+                raise CheckpointError(
+                    f"{path}: not every {name} is a number; make it anew with `adapt --log`"
+                )
         sources.traces.append(Trace(path, table))
     elif set(header) >= set(_SWEEP):
         sources.sweeps.append(_sweep(path))

@@ -118,7 +118,8 @@ class Worker:
         cpu, now = sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK"), time.monotonic()
         if (number, cpu) != self._seen[:2]:
             self._seen = (number, cpu, now)
-        return cpu - used > limit or now - self._seen[2] > limit
+        # A process that stands still may have to wait for others.
+        return cpu - used > limit or now - self._seen[2] > 4.0 * limit
 
     def _blame(self, kind: str, what: str, number: int, target: int) -> None:
         printed = (self.fast / f"worker-{self.number}.output").read_text(errors="replace")[-20_000:]
