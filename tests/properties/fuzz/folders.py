@@ -48,7 +48,7 @@ def _damage_file(rng: Random, path: Path, files: list[Path]) -> None:
         change = {".json": json_text, ".toml": toml_text}.get(path.suffix, mutate.text)
         try:
             text = change(rng, text)
-        except ValueError:  # a copy of another file
+        except (ValueError, RecursionError):  # a copy of another file, or changed before
             text = mutate.text(rng, text)
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
     else:
