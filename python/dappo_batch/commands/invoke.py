@@ -19,6 +19,9 @@ DEEPEST = 16
 """Parts of a setting's key, and levels of lists and mappings in its value, at most."""
 
 
+_MOST_ITEMS = 100_000
+
+
 def invoke(
     command: Sequence[str],
     options: Mapping[str, Any],
@@ -75,9 +78,16 @@ def _flags(options: Mapping[str, Any]) -> Iterator[str]:
         elif value is True:
             yield flag
         elif isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
-            yield from (f"{flag}={_argument(item, name)}" for item in value)
+            yield from (f"{flag}={_argument(item, name)}" for item in _bounded(value, name))
         else:
             yield f"{flag}={_argument(value, name)}"
+
+
+def _bounded(value: Sequence[Any], name: str) -> Sequence[Any]:
+    """Return a sequence that a command line can hold; a range may be endless in practice."""
+    if len(value[: _MOST_ITEMS + 1]) > _MOST_ITEMS:
+        raise ConfigError(f"{name} must have at most {_MOST_ITEMS} entries, got {shown(value)}")
+    return value
 
 
 def _argument(value: Any, name: str) -> str:  # noqa: ANN401 - it is checked here
@@ -129,5 +139,5 @@ def _toml(value: Any, name: str, depth: int = 1) -> str:  # noqa: ANN401 - whate
         )
         return f"{{{', '.join(entries)}}}"
     if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
-        return f"[{', '.join(_toml(item, name, depth + 1) for item in value)}]"
+        return f"[{', '.join(_toml(item, name, depth + 1) for item in _bounded(value, name))}]"
     raise ConfigError(f"{name} must be a value that TOML has, such as a number or a text, got {shown(value)}")
