@@ -95,7 +95,7 @@ def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassT
     folder = tmp_path_factory.mktemp("robots") / "nervous"
     shutil.copytree(Path(dappo_batch.load_robot("ant").path).parent, folder)
     tables = {}
-    for name, height in (("ant", "[0.45, 0.8]"), ("hexapod", "[0.185, 0.215]")):
+    for name, height in (("ant", "[0.64, 0.86]"), ("hexapod", "[0.179, 0.221]")):
         robot = folder / f"{name}.toml"
         text, count = re.subn(r"(?m)^height = .*$", f"height = {height}", robot.read_text())
         assert count == 1

@@ -57,8 +57,8 @@ def test_a_robot_unknown_to_the_lane_engine_falls_back_and_says_why() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"backend": "brax"}, "backend is `brax`, expected one of `auto`, `lanes`, `mujoco`"),
-        ({"precision": "f16"}, "precision is `f16`, expected one of `f32`, `f64`"),
+        ({"backend": "brax"}, "backend must be one of 'auto', 'lanes', 'mujoco', got 'brax'"),
+        ({"precision": "f16"}, "precision must be one of 'f32', 'f64', got 'f16'"),
     ],
 )
 def test_unknown_names_are_refused_with_the_known_ones(

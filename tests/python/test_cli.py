@@ -94,7 +94,7 @@ BAD_USAGE = [
     (("train", "--resume", "nowhere"), 1, ["nowhere is no run folder", "config.toml", "`dappo-batch train`"]),
     (("evaluate", "nowhere"), 1, ["nowhere is no run folder", "config.toml"]),
     (("classes", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod"]),
-    (("classes", "--types", "rust"), 1, ["`rust`", "jammed_joint"]),
+    (("classes", "--types", "rust"), 1, ["'rust'", "jammed_joint"]),
     (("classes", "--max-damaged-limbs", "5"), 1, ["5", "4 limbs"]),
     (("config", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod"]),
 ]

@@ -91,7 +91,7 @@ def test_settings_change_when_a_run_goes_on_and_the_folder_notes_them(tmp_path: 
         ({"env": {"num_envs": 8}}, "`env.num_envs` cannot change in a run, from 4 to 8"),
         ({"robot": "hexapod"}, "`robot` cannot change"),
         ({"ppo.preset": "batch"}, "`ppo.preset` cannot change"),
-        ({"ppo.learning_rate": -1}, "learning_rate is -1"),
+        ({"ppo.learning_rate": -1}, "`ppo.learning_rate` is -1"),
     ],
 )
 def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it_is(
@@ -104,19 +104,21 @@ def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it
 
 
 def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path: Path) -> None:
-    settings = {**OPTIONS["set"], "ppo.value_learning_rate": 1e30}
+    # The first step takes a policy that hardly varies so far that the square of its KL is beyond single precision.
+    huge = {"ppo.initial_log_variance": -40, "ppo.kl_hinge": 1e9, "ppo.learning_rate": 1.0}
+    settings = {**OPTIONS["set"], **huge, "ppo.minibatch_size": 16}
     options: TrainingOptions = {**OPTIONS, "set": settings}
     with pytest.raises(
-        SimulationError, match=r"the training has diverged: in iteration \d the value loss"
+        SimulationError, match=r"the training has diverged: in iteration \d the policy loss"
     ) as raised:
         dappo_batch.train(tmp_path / "run", steps=3 * ITERATION, **options)
     assert f"train --resume {tmp_path / 'run'} --set ppo.learning_rate=" in str(raised.value)
     with pytest.raises(SimulationError, match=r"in iteration \d the"):
         dappo_batch.resume(tmp_path / "run")
-    resumed = dappo_batch.resume(tmp_path / "run", set={"ppo.value_learning_rate": 1e-3})
-    assert np.isfinite(resumed.metrics["value_loss"]).tolist() == [True] * 3
+    resumed = dappo_batch.resume(tmp_path / "run", set={"ppo.learning_rate": 1e-12})
+    assert np.isfinite(resumed.metrics["policy_loss"]).tolist() == [True] * 3
     assert resumed.meta["changes"] == [
-        {"iteration": 0, "env_steps": 0, "key": "ppo.value_learning_rate", "from": 1e30, "to": 1e-3}
+        {"iteration": 0, "env_steps": 0, "key": "ppo.learning_rate", "from": 1.0, "to": 1e-12}
     ]
 
 

@@ -318,7 +318,7 @@ def test_an_export_replaces_an_earlier_one_and_nothing_else(
     half.mkdir()
     (half / "policy.onnx").write_bytes(b"half of")
     _, err = run(*export(earlier, "--controller", "residual_window=0"), code=1)
-    assert "residual_window is 0" in err
+    assert "`residual_window` is 0" in err
     assert header_of(earlier) == header_of(exports / "expert")
 
     (tmp_path / "mine").mkdir()

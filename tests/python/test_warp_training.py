@@ -98,7 +98,7 @@ def test_too_little_room_for_contacts_is_an_error_with_the_number_to_set(
     settings = [*TINY, "env.njmax=8"]
     assert run_cli(["train", "--run", str(tmp_path / "run"), "--steps", str(STEPS), *settings]) == 1
     err = capfd.readouterr().err
-    assert "had no room for all contacts or constraints" in err
+    assert "had no room for all constraints of a world (NEFC" in err
     assert "njmax = 8" in err
     assert "--set env.njmax=16" in err
 

@@ -44,7 +44,7 @@ def check_export(folder: Path, names: list[str]) -> None:
 
 def robot_of_run(
     run: Path, robot: str, damage: Mapping[str, Any], changed: str | None
-) -> tuple[str, RobotCopy, bool]:
+) -> tuple[Path | None, RobotCopy, bool]:
     """Choose the robot that a run is simulated with.
 
     Parameters
@@ -60,8 +60,8 @@ def robot_of_run(
 
     Returns
     -------
-    robot : str
-        What to compile: the run's own robot TOML, or `robot`.
+    own : pathlib.Path or None
+        What to compile: the run's own robot TOML; None for `robot`.
     copy : RobotCopy
         The files of that robot.
     is_kept : bool
@@ -76,11 +76,11 @@ def robot_of_run(
     """
     folder = run / COPY
     if changed == "use-file":
-        return robot, copy_robot(robot, damage), folder.exists()
+        return None, copy_robot(robot, damage), folder.exists()
     copy = RobotCopy.read(folder)
     if copy is None:
-        return robot, copy_robot(robot, damage), False
-    own = str((folder / COPY_TOML).resolve())
+        return None, copy_robot(robot, damage), False
+    own = (folder / COPY_TOML).resolve()
     _check_settings(run, copy, damage_settings(load_robot(own), damage))
     if changed is None and (robot in ROBOTS or os.path.isfile(robot)):
         _check_file(run, copy, robot, damage)

@@ -78,8 +78,10 @@ fn learner() -> Ppo {
 }
 
 fn save_and_load(folder: &Path) {
+    std::fs::create_dir(folder).unwrap();
     learner().save(folder).unwrap();
     Ppo::load(folder, &config(), &Device::flex()).unwrap();
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 /// What is in use after `work` has been done `times` times, and after as many times more.
@@ -95,12 +97,10 @@ fn neither_updates_nor_loading_keep_memory() {
     // One thread, in which nothing else allocates meanwhile.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let folder = std::env::temp_dir().join(format!("dappo-learn-memory-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
     let (updates, loads) = pool.install(|| {
         let mut ppo = learner();
         (twice(100, || update(&mut ppo)), twice(20, || save_and_load(&folder)))
     });
-    std::fs::remove_dir_all(folder).unwrap();
     for [before, after] in [updates, loads] {
         assert_eq!(after, before, "blocks and bytes in use");
     }

@@ -10,6 +10,7 @@ use dappo_sim::backend::lanes::simd;
 use dappo_sim::terms::Task;
 use dappo_sim::threads::available;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Device, Layout, Robot, SimError};
+use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -42,7 +43,11 @@ impl TableFactory {
         options.set_item("physics", config.env.physics.clone())?;
         options.set_item("damage_options", to_python(py, &config.damage.options)?)?;
         let module = py.import("dappo_batch.class_table")?;
-        let object = module.call_method("compile_class_table", (&config.robot,), Some(&options))?;
+        let robot = match &config.robot_file {
+            Some(path) => path.into_bound_py_any(py)?,
+            None => config.robot.as_str().into_bound_py_any(py)?,
+        };
+        let object = module.call_method("compile_class_table", (robot,), Some(&options))?;
         let table = ClassTable::read(&object)?;
         let choice = table.choose(config.env.backend)?;
         if let Choice::Lanes(_) = choice {

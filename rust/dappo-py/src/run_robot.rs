@@ -2,7 +2,7 @@
 //!
 //! Every command that reads a run opens it here, so that none takes another robot for it unnoticed.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use dappo_learn::config::Config;
@@ -105,7 +105,7 @@ fn module(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
 pub struct OpenRun {
     /// Its folder.
     pub folder: RunFolder,
-    /// Its configuration; the robot in it is the one to compile.
+    /// Its configuration, with the robot file to compile.
     pub config: Config,
     /// The files of that robot.
     pub robot: RobotCopy,
@@ -122,14 +122,15 @@ impl OpenRun {
         let damage = to_python(py, &config.damage)?;
         let choice = changed.map(RobotChanged::name);
         let found = module(py)?.call_method1("robot_of_run", (root, &config.robot, damage, choice))?;
-        let (robot, copy, has_copy): (String, Py<PyAny>, bool) = found.extract()?;
+        let (robot_file, copy, has_copy): (Option<PathBuf>, Py<PyAny>, bool) = found.extract()?;
         if !has_copy {
             console::note(&format!(
-                "{} keeps no copy of its robot, as runs of earlier versions do not: {robot} is used as it is now",
-                root.display()
+                "{} keeps no copy of its robot, as runs of earlier versions do not: {} is used as it is now",
+                root.display(),
+                config.robot
             ));
         }
-        config.robot = robot;
+        config.robot_file = robot_file;
         let is_kept = has_copy && changed != Some(RobotChanged::UseFile);
         Ok(Self { folder, config, robot: RobotCopy(copy), is_kept, changed })
     }

@@ -173,7 +173,7 @@ mod tests {
     fn a_setting_that_keeps_its_value_is_no_change_and_bad_values_are_refused_as_ever() {
         assert_eq!(changed(&["ppo.hidden=[16]", "seed=0", "ppo.learning_rate=0.001"]).unwrap(), config());
         assert!(changed(&["ppo.gama=0.9"]).unwrap_err().to_string().contains("gama"));
-        assert!(changed(&["ppo.clip_range=2"]).unwrap_err().to_string().contains("clip_range is 2"));
+        assert!(changed(&["ppo.clip_range=2"]).unwrap_err().to_string().contains("`ppo.clip_range` is 2"));
         assert!(changed(&["ppo.clip_range"]).unwrap_err().to_string().contains("is no assignment"));
     }
 }

@@ -266,7 +266,7 @@ mod tests {
             ("[damage]\nseverity = 1.5", "`damage.severity` is 1.5"),
             ("[damage]\nseverity = nan", "`damage.severity` is NaN"),
             ("[damage]\nonset = { first = 3, last = 2 }", "`damage.onset` is 3 to 2"),
-            ("[damage]\nonset = { first = 3 }", "`damage.onset` cannot be used: missing field `last`"),
+            ("[damage]\nonset = { first = 3 }", "`damage` cannot be used: missing field `last`"),
             ("[damage.onset]\nfirst = 0\nlast = 9_223_372_036_854_775_807", "`damage.onset` is 0 to"),
             ("[checkpoint]\nevery = 0", "`checkpoint.every` is 0"),
             ("[checkpoint]\nkeep = 0", "`checkpoint.keep` is 0"),

@@ -8,6 +8,8 @@ mod faults;
 mod layers;
 mod sift;
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
@@ -38,6 +40,9 @@ pub const MOST_THREADS: usize = 4096;
 pub struct Config {
     /// Built-in robot or path of a robot file.
     pub robot: String,
+    /// The robot file to compile, where it is another than `robot` names: the copy that a run or an export keeps.
+    #[serde(skip)]
+    pub robot_file: Option<PathBuf>,
     /// Seed of all random streams of the run.
     pub seed: u64,
     /// Env steps of the whole run, over all envs.
@@ -198,6 +203,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             robot: String::new(),
+            robot_file: None,
             seed: 0,
             total_steps: 2_000_000,
             horizon: 128,

@@ -179,8 +179,7 @@ impl Export {
             .map_err(|error| unusable(&path, error.to_string()))?;
         let mut layers = Layers::default();
         layers.add_toml(&text, &path.display().to_string())?;
-        layers.set("robot", self.folder.join(ROBOT).display().to_string())?;
-        layers.resolve()
+        Ok(Config { robot_file: Some(self.folder.join(ROBOT)), ..layers.resolve()? })
     }
 
     /// The policy.

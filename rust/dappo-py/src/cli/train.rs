@@ -109,7 +109,7 @@ fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<Reop
     if let Some(device) = &arguments.config.learner {
         config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
     }
-    config.robot = simulated.robot;
+    config.robot_file = simulated.robot_file;
     Ok(Reopened { run, robot, changed, config })
 }
 

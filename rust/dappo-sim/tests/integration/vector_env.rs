@@ -317,7 +317,7 @@ fn impossible_settings_are_refused() {
     let weights = VectorEnvConfig { classes: ClassDistribution::uniform(9), ..base() };
     assert_eq!(refused(weights), "class weights has 9 entries, expected 33");
     let onset = VectorEnvConfig { onset: Onset { first: 3, last: 2 }, ..base() };
-    assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order");
+    assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order and below 2^63");
     let steps = VectorEnvConfig { max_episode_steps: 0, ..base() };
     assert_eq!(refused(steps), "max_episode_steps must be at least 1, got 0");
     let keys = VectorEnv::new(Box::new(Counter::new(3, 33)), &space(), base()).err().unwrap();

@@ -13,6 +13,7 @@ use super::{Expert, Preset, Subject};
 use crate::config::Faults;
 use crate::envs::EnvFactory;
 use crate::error::Result;
+use crate::fleet::Fleet;
 use crate::simulator::Compute;
 use pairs::Pairs;
 
@@ -96,6 +97,16 @@ fn header(
     }
 }
 
+/// Fails if a collection puts twins beside robots in mid-gait, and these robots can have none. [`collect`] asks the same;
+/// who writes something before it asks first.
+pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
+    let is_synchronised = !config.preset.timing.starts_at_reset() || config.preset.twin.resync > 0;
+    if config.preset.needs_twins() && is_synchronised {
+        Fleet::new(factory.backend(1, None, config.compute)?).check_twins()?;
+    }
+    Ok(())
+}
+
 /// Collects the rollouts of a shard that `folder` does not hold yet. `walker` is the policy before the window; the
 /// expert for `None`.
 ///
@@ -110,6 +121,7 @@ pub fn collect(
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
     config.check()?;
+    check_twins(config, factory)?;
     let classes = factory.space().classes().len();
     let range = config.shard.range(config.rollouts);
     Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;

@@ -42,10 +42,6 @@ impl<'a> Pairs<'a> {
                 )));
             }
         }
-        let is_synchronised = !config.preset.timing.starts_at_reset() || config.preset.twin.resync > 0;
-        if config.preset.needs_twins() && is_synchronised {
-            robots.check_twins()?;
-        }
         Ok(Self {
             expert: &expert.policy,
             walker: &walker.unwrap_or(expert).policy,

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use dappo_learn::config::Config;
-use dappo_learn::diagnose::collect::{CollectConfig, CollectObserver, Pilot, collect};
+use dappo_learn::diagnose::collect::{CollectConfig, CollectObserver, Pilot, check_twins, collect};
 use dappo_learn::diagnose::dataset::{Header, PolicyId, Shard};
 use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
 use dappo_learn::envs::EnvFactory;
@@ -37,6 +37,7 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let (expert, walker) = pool.run(py, || -> Result<_> {
         let expert = pilot(&folder, &config, &factory)?;
         let walker = walker.map(|run| pilot(&run.folder, &run.config, &factory)).transpose()?;
+        check_twins(&wanted, &factory)?;
         Ok((expert, walker))
     })?;
     keep_robot(py, &arguments.out, (folder.root(), &robot))?;
