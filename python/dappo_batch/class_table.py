@@ -15,7 +15,7 @@ from dappo_batch.damage import DamageType, make_damage_type
 from dappo_batch.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import refuse
-from dappo_batch.robots.mjcf import mjcf_faults
+from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 from dappo_batch.robots.requirements import find_parts
 
 if TYPE_CHECKING:
@@ -239,7 +239,7 @@ def _damage_types(
 def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
     refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
     try:
-        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        spec = read_mjcf(robot.mjcf_path)
         spec.compiler.usethread = False  # the threads of a command or env are those that its user chose
     except MUJOCO_ERRORS as error:
         raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error

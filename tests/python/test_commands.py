@@ -104,7 +104,7 @@ def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it
 
 
 def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path: Path) -> None:
-    # The first step takes a policy that hardly varies so far that the square of its KL is beyond single precision.
+    # One step takes a policy that hardly varies so far that the square of its KL overflows.
     huge = {"ppo.initial_log_variance": -40, "ppo.kl_hinge": 1e9, "ppo.learning_rate": 1.0}
     settings = {**OPTIONS["set"], **huge, "ppo.minibatch_size": 16}
     options: TrainingOptions = {**OPTIONS, "set": settings}

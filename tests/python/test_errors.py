@@ -94,7 +94,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _refuses_all(call: Callable[[Any], object], *others: object, takes: type | tuple[type, ...] = ()) -> None:
-    """Check that every piece of junk is a typed error with a sentence, but for types that the argument takes."""
+    """Check that every piece of junk but those of types that are taken is a typed error with a sentence."""
     for junk in (*(junk for junk in JUNK if not isinstance(junk, takes)), *others):
         with pytest.raises((ConfigError, ShapeError), match=r".{15}"):
             call(junk)

@@ -26,6 +26,7 @@ from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.flatten import flatten, lines, needed_files
+from dappo_batch.robots.mjcf import read_mjcf
 
 __all__ = ["COPY_TOML", "RobotCopy", "check_confined", "damage_settings", "explain"]
 
@@ -145,7 +146,7 @@ class RobotCopy:
             models = []
             for path in (original, Path(folder, _MJCF)):
                 try:
-                    models.append(mujoco.MjSpec.from_file(str(path)).compile())
+                    models.append(read_mjcf(path).compile())
                 except ValueError as error:
                     raise ConfigError(f"the robot {self.origin} cannot be copied: {error}") from error
         if array := _first_difference(*models):

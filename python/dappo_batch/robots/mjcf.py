@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 
+import mujoco
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["mjcf_faults"]
+__all__ = ["mjcf_faults", "read_mjcf"]
 
 _MOST_BYTES = 32 << 20
 """Of all XML files together."""
@@ -60,6 +62,25 @@ class _Scan:
 
     def fault(self, path: Path, what: str) -> None:
         self.faults.append(f"{path.name}: {what}")
+
+
+def read_mjcf(path: Path) -> mujoco.MjSpec:
+    """Let MuJoCo read an MJCF.
+
+    It opens paths in UTF-8 alone. Of one that is not, it gets the text, and those files of the same folder
+    that the text names, which is all that the copy of a robot has.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        text = path.read_text(encoding="utf-8")
+        others = {
+            file.name: file.read_bytes()
+            for file in path.parent.iterdir()
+            if file != path and file.is_file() and file.name in text
+        }
+        return mujoco.MjSpec.from_string(text, assets=others)
+    return mujoco.MjSpec.from_file(str(path))
 
 
 def mjcf_faults(path: Path) -> list[str]:
