@@ -95,10 +95,13 @@ def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassT
     folder = tmp_path_factory.mktemp("robots") / "nervous"
     shutil.copytree(Path(dappo_batch.load_robot("ant").path).parent, folder)
     tables = {}
-    for name, height in (("ant", "[0.64, 0.86]"), ("hexapod", "[0.179, 0.221]")):
+    for name, height, noise in (("ant", "[0.5, 0.85]", "0.1"), ("hexapod", "[0.185, 0.215]", "0.01")):
         robot = folder / f"{name}.toml"
-        text, count = re.subn(r"(?m)^height = .*$", f"height = {height}", robot.read_text())
-        assert count == 1
+        text = robot.read_text()
+        # Episodes begin within the allowed height.
+        for key, value in (("height", height), ("qpos_noise", noise)):
+            text, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+            assert count == 1
         robot.write_text(text)
         tables[name] = dappo_batch.compile_class_table(robot)
     return tables

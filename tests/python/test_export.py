@@ -314,7 +314,7 @@ def test_an_export_replaces_an_earlier_one_and_nothing_else(
     earlier = tmp_path / "robot"
     shutil.copytree(exports / "expert", earlier)
     # What an export left behind that was killed while it wrote.
-    half = tmp_path / ".robot.new.tmp"
+    half = tmp_path / ".robot.0123456789abcdef.tmp"
     half.mkdir()
     (half / "policy.onnx").write_bytes(b"half of")
     _, err = run(*export(earlier, "--controller", "residual_window=0"), code=1)

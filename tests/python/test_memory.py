@@ -85,8 +85,11 @@ def test_calls_keep_no_memory(
 ) -> None:
     for _ in range(3):
         call(run)
-    before = bytes_in_use()
-    for _ in range(CALLS):
-        call(run)
-    growth = bytes_in_use() - before
-    assert growth < CALLS * 8000, f"{growth / CALLS:.0f} bytes a call"
+    growths = []
+    for _ in range(3):
+        before = bytes_in_use()
+        for _ in range(CALLS):
+            call(run)
+        growths.append((bytes_in_use() - before) / CALLS)
+    # What other threads of the tests take meanwhile they take once; what a call keeps, every one keeps.
+    assert min(growths) < 8000, f"{growths} bytes a call"
