@@ -5,7 +5,7 @@ Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``d
 
 from __future__ import annotations
 
-from dappo_batch import _startup  # noqa: F401 - first, as it is for the time that the rest takes
+from dappo_batch import _startup  # first, as it is for the time that the rest takes
 
 # isort: split
 
@@ -77,3 +77,5 @@ __all__ = [
 __version__ = version("dappo-batch")
 
 register_envs()
+
+_startup.end()

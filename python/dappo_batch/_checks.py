@@ -32,6 +32,8 @@ __all__ = [
 
 Float = TypeVar("Float", np.float32, np.float64)
 
+MOST_ITEMS = 2**24
+"""Entries of a sequence at most: as many as there may be envs."""
 MOST = 2**63 - 1
 """The largest integer that the native code takes."""
 
@@ -145,10 +147,9 @@ def items(value: Any) -> list[Any] | None:  # noqa: ANN401 - whatever a user pas
     is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
     if not is_sequence and not (isinstance(getattr(value, "ndim", None), int) and value.ndim > 0):
         return None
-    try:
-        return list(value)
-    except (MemoryError, OverflowError):
-        raise ConfigError(f"{shown(value)} has more entries than the memory") from None
+    if len(value) > MOST_ITEMS:  # of a range it takes no memory to say so
+        raise ConfigError(f"{shown(value)} has more than {MOST_ITEMS} entries")
+    return list(value)
 
 
 def array(value: object, what: str, dtype: type[Float]) -> NDArray[Float]:

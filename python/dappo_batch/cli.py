@@ -3,7 +3,6 @@
 import os
 import sys
 
-from dappo_batch import _startup
 from dappo_batch._core import run_cli
 
 
@@ -15,5 +14,4 @@ def main() -> None:
         except OSError:
             # A closed one would be given to the next file that is opened, and what is printed would go there.
             os.open(os.devnull, os.O_RDWR)
-    _startup.end()
     sys.exit(run_cli(sys.argv[1:]))

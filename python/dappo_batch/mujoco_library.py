@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 
 from dappo_batch._core import SimulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from dappo_batch.class_table import ClassTable
 
@@ -27,18 +28,31 @@ MUJOCO_ERRORS: tuple[type[Exception], ...] = (
 """What MuJoCo raises when it reads or compiles a model that it cannot use."""
 
 
+_hook = threading.Lock()
+_quiet = 0
+_before: Callable[[str], Any] | None = None
+
+
 @contextmanager
 def quiet_mujoco() -> Iterator[None]:
     """Keep MuJoCo from writing warnings to the terminal and to ``MUJOCO_LOG.TXT`` in the working directory.
 
     Whoever compiles a model this way checks what the warnings are about.
     """
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
+    global _before, _quiet
+    # The hook is one of the process: the first that asks for quiet sets it, the last gives it back.
+    with _hook:
+        if _quiet == 0:
+            _before = mujoco.get_mju_user_warning()
+            mujoco.set_mju_user_warning(lambda _: None)
+        _quiet += 1
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(before)
+        with _hook:
+            _quiet -= 1
+            if _quiet == 0:
+                mujoco.set_mju_user_warning(_before)
 
 
 # A solver that may iterate less often than this stops before its solution, which then depends on where it

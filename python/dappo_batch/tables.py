@@ -112,9 +112,12 @@ def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     if all(isinstance(value, int) and abs(value) < _LARGE for value in values):
         return np.array(values, np.bool_ if all(isinstance(value, bool) for value in values) else np.int64)
     try:
-        return np.array([np.nan if value is None else value for value in values], np.float64)
+        column = np.array([np.nan if value is None else value for value in values], np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise CheckpointError(f"`{name}` has entries that are neither numbers nor texts: {error}") from error
+    if column.ndim != 1:
+        raise CheckpointError(f"`{name}` has entries that are lists, expected numbers or texts")
+    return column
 
 
 def _parse(name: str, texts: Sequence[str]) -> NDArray[Any]:

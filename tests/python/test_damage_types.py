@@ -391,6 +391,17 @@ def test_a_toe_that_cannot_break_off_alone_is_refused(end: str, extra: str, mess
         STUMP.apply(spec, ONE, 1.0)
 
 
+def test_a_toe_that_carries_nothing_but_is_held_by_a_constraint_is_refused() -> None:
+    text = LIMB.format(
+        end="",
+        extra='<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
+        joint="",
+    )
+    spec = mujoco.MjSpec.from_string(text.replace('<site name="ankle" pos="0 0 -0.4"/>', ""))
+    with pytest.raises(ConfigError, match="an equality constraint holds body shank"):
+        STUMP.apply(spec, ONE, 1.0)
+
+
 def test_a_robot_whose_total_mass_is_set_cannot_lose_any() -> None:
     spec = limb()
     spec.compiler.settotalmass = 10
@@ -441,6 +452,18 @@ def test_a_weak_motor_gives_its_share_by_whatever_it_moves_the_limb(kind: str, j
             forces.append(data.qfrc_actuator.copy())
         assert np.any(forces[0] != 0)
         assert forces[1] == pytest.approx(0.25 * forces[0], rel=1e-9, abs=1e-15)
+
+
+def test_a_dead_motor_gives_nothing_whatever_its_limits() -> None:
+    motor = '<motor joint="knee" gear="5" forcelimited="true" forcerange="-3 3"/>'
+    limited = 'actuatorfrclimited="true" actuatorfrcrange="-2 2"'
+    spec = limb(extra=f"<actuator>{motor}</actuator>", joint=limited)
+    WeakMotor(strength=0.0).apply(spec, ONE, 1.0)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 1.0
+    mujoco.mj_forward(model, data)
+    assert not data.qfrc_actuator.any()
 
 
 @pytest.mark.parametrize(

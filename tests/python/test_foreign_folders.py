@@ -101,20 +101,17 @@ def put(path: Path, kind: str, target: Path) -> None:
 # What is written, and by what.
 WRITTEN: list[tuple[str, Callable[[Path], None]]] = [
     ("run/lock", resume),
-    ("run/config.tmp", resume),
-    ("run/metrics.tmp", resume),
+    ("run/config.toml", resume),
+    ("run/meta.json", resume),
     ("run/metrics.jsonl", resume),
     ("run/metrics.csv", resume),
     ("run/events.out.tfevents.metrics", resume),
-    ("run/checkpoints/.new.tmp", resume),
-    ("run/eval/per_class.tmp", evaluate),
     ("run/eval/per_class.csv", evaluate),
-    ("pairs/dataset.tmp", collect),
+    ("pairs/dataset.json", collect),
     ("pairs/rollouts-000000.npy", collect),
     ("diagnoser/lock", train_diagnoser),
     ("diagnoser/metrics.jsonl", train_diagnoser),
-    ("diagnoser/model/weights.tmp.bpk", train_diagnoser),
-    ("diagnoser/model/diagnoser.tmp", train_diagnoser),
+    ("diagnoser/config.toml", train_diagnoser),
     ("diagnoser/eval/pairs.json", diagnose),
 ]
 

@@ -140,12 +140,18 @@ def test_an_episode_that_has_ended_is_ended_when_it_comes_back(tmp_path: Path) -
 
 def test_a_state_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     table = toy(tmp_path)
-    envs = dappo_batch.make_vec(table, 2, seed=0)
+    envs = dappo_batch.make_vec(table, 2, seed=0, autoreset="same_step")
     with pytest.raises(ConfigError, match="before the first reset"):
         envs.restore_state(envs.save_state())
     envs.reset()
     with pytest.raises(ConfigError, match="takes what save_state returned, got tuple"):
         envs.restore_state(envs.get_state())  # type: ignore[arg-type]
+    short = {"seed": 0, "max_episode_steps": 1, "threads": 1}
+    waiting = dappo_batch.make_vec(table, 2, autoreset="next_step", **short)
+    waiting.reset()
+    waiting.step(waiting.action_space.sample())
+    with pytest.raises(CheckpointError, match="waits for its reset"):
+        envs.restore_state(waiting.save_state())
     more = dappo_batch.make_vec(table, 3, seed=0)
     more.reset()
     with pytest.raises((CheckpointError, dappo_batch.ShapeError)):

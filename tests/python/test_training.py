@@ -233,6 +233,16 @@ def test_ctrl_c_during_the_imports_leaves_no_traceback(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
+def test_ctrl_c_is_pythons_again_after_the_imports(tmp_path: Path) -> None:
+    # As the processes of a sweep, which have the name of the command but do not begin in its function.
+    script = tmp_path / "dappo-batch"
+    script.write_text(
+        "import signal, dappo_batch\nassert signal.getsignal(signal.SIGINT) is signal.default_int_handler\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_second_signal_ends_the_program_at_once(tmp_path: Path) -> None:
     run = tmp_path / "run"
     # One iteration takes minutes.

@@ -15,6 +15,7 @@ from dappo_batch.commands.options import Callback, Folder
 
 __all__ = ["assignments", "invoke", "only"]
 
+_SWITCHES = ("all_classes", "healthy", "unaware")
 DEEPEST = 16
 """Parts of a setting's key, and levels of lists and mappings in its value, at most."""
 
@@ -71,7 +72,7 @@ def _flags(options: Mapping[str, Any]) -> Iterator[str]:
     """Yield options as the command line has them; None and False are left out, and so is what is empty."""
     for name, value in options.items():
         flag = f"--{name.replace('_', '-')}"
-        if value is None or value is False:
+        if value is None or (value is False and name in _SWITCHES):
             continue
         if name in ("set", "controller"):
             yield from (f"{flag}={assignment}" for assignment in assignments(value, name))

@@ -66,6 +66,9 @@ def resume(
     set
         Settings that change from now on, for example ``{"ppo.learning_rate": 1e-4}``. The run folder notes
         them. What its checkpoints have built in, such as ``ppo.hidden``, cannot change.
+    robot_changed
+        Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the run
+        has it, ``"use-file"`` with the file as it is now, of which the run then keeps a copy.
     callback
         Told the metrics of each iteration.
 

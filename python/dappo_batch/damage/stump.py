@@ -62,6 +62,7 @@ def carry_along(spec: mujoco.MjSpec, toe: mujoco.MjsGeom, site: mujoco.MjsSite |
         If a part can neither stay nor move with the end.
     """
     body = toe.parent
+    _check_attachments(spec, body)
     parts: list[Part] = [geom for geom in body.geoms if geom != toe]
     parts += [other for other in body.sites if other != site]
     parts += list(body.bodies)
@@ -88,7 +89,6 @@ def carry_along(spec: mujoco.MjSpec, toe: mujoco.MjsGeom, site: mujoco.MjsSite |
                 " use another"
                 " type of damage"
             )
-    _check_attachments(spec, body)
 
 
 class _Places:

@@ -72,10 +72,12 @@ class WeakMotor(DamageType):
                 )
             actuator.gainprm = share * np.asarray(actuator.gainprm)
             actuator.biasprm = share * np.asarray(actuator.biasprm)
-            actuator.forcerange = share * np.asarray(actuator.forcerange)
+            if share > 0:  # a dead motor gives nothing within any limits, and MuJoCo takes none of width 0
+                actuator.forcerange = share * np.asarray(actuator.forcerange)
         # A limit that stayed would let a motor that saturates it give the torque of a healthy one.
         for limited in [*joints, *(spec.tendon(name) for name in tendons)]:
-            limited.actfrcrange = share * np.asarray(limited.actfrcrange)
+            if share > 0:
+                limited.actfrcrange = share * np.asarray(limited.actfrcrange)
 
 
 def _moves(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, limb: Limb) -> bool:

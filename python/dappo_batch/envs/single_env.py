@@ -103,7 +103,10 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
             precision=precision,
         )
         self.observation_space, self.action_space = spaces(self._core)
-        self.metadata = {"render_modes": [RGB_ARRAY], "render_fps": round(1.0 / step_seconds(self.table))}
+        self.metadata = {
+            "render_modes": [RGB_ARRAY],
+            "render_fps": max(1, round(1.0 / step_seconds(self.table))),
+        }
         self._was_reset = False
         self._closed = False
         self._painter: LivePainter | None = None

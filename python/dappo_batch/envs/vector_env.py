@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -46,8 +46,10 @@ Infos = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class SavedState:
+class SavedState(NotPicklable):
     """What `DamageVectorEnv.save_state` returns: everything that the next steps of its envs depend on."""
+
+    _instead: ClassVar[str] = "keep it in the process of its envs"
 
     core: EnvState = field(repr=False)
     was_reset: bool
@@ -207,7 +209,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {
             "render_modes": [RGB_ARRAY],
-            "render_fps": round(1.0 / step_seconds(self.table)),
+            "render_fps": max(1, round(1.0 / step_seconds(self.table))),
             "autoreset_mode": self.autoreset_mode,
         }
         self._action_shape = (self.num_envs, self._core.action_dim)
@@ -456,7 +458,9 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         Raises
         ------
         ConfigError
-            If it is none of such an env, or one that was never reset.
+            If it is no such state, or one of an env that was never reset.
+        CheckpointError
+            If it does not fit this env.
         SimulationError
             If the env is closed.
         """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import subprocess
 import tempfile
@@ -56,6 +57,7 @@ class LivePainter:
         self._painter: subprocess.Popen[bytes] | None = None
         self._complaints: IO[bytes] | None = None
         self._choice, self._shown = "", 0
+        self._process = os.getpid()
         self._end: weakref.finalize[..., LivePainter] | None = None
 
     def draw(self, damage_class: int, qpos: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -66,6 +68,8 @@ class LivePainter:
         RenderError
             If no OpenGL works here, or the one that did gives up.
         """
+        if self._process != os.getpid():
+            self._forget()
         if self._painter is not None:
             picture = self._ask(damage_class, qpos)
             if picture is None:
@@ -86,11 +90,16 @@ class LivePainter:
             self._end()
         self._painter = None
 
+    def _forget(self) -> None:
+        """Leave the process to the one that this was forked from."""
+        self.close()
+        self._process = os.getpid()
+
     def _start(self, choice: str) -> None:
         complaints = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process runs
         painter = opengl.start(choice, complaints)
         self._painter, self._complaints, self._choice, self._shown = painter, complaints, choice, 0
-        self._end = weakref.finalize(self, _stop, painter, complaints)
+        self._end = weakref.finalize(self, _stop, painter, complaints, os.getpid())
         _send(painter, self._live)
 
     def _ask(self, damage_class: int, qpos: NDArray[np.float64]) -> NDArray[np.uint8] | None:
@@ -98,11 +107,16 @@ class LivePainter:
         assert self._painter is not None
         assert self._painter.stdout is not None
         model = None if damage_class == self._shown else self._models[damage_class]
-        if not _send(self._painter, Pose(model, np.array(qpos))):
-            return None
-        self._shown = damage_class
         height, width = self._live.height, self._live.width
-        content = self._painter.stdout.read(height * width * 3)
+        try:
+            if not _send(self._painter, Pose(model, np.array(qpos))):
+                return None
+            self._shown = damage_class
+            content = self._painter.stdout.read(height * width * 3)
+        except BaseException:
+            # An interruption leaves half of a message in a pipe: the next picture is one of a new process.
+            self.close()
+            raise
         if len(content) < height * width * 3:
             return None
         return np.frombuffer(content, np.uint8).reshape(height, width, 3).copy()
@@ -127,9 +141,11 @@ def _send(painter: subprocess.Popen[bytes], message: Live | Pose) -> bool:
     return True
 
 
-def _stop(painter: subprocess.Popen[bytes], complaints: IO[bytes]) -> None:
-    painter.kill()
-    painter.wait()
+def _stop(painter: subprocess.Popen[bytes], complaints: IO[bytes], process: int) -> None:
+    # A forked process closes its copies of the pipes and leaves the painter alone.
+    if os.getpid() == process:
+        painter.kill()
+        painter.wait()
     for pipe in (painter.stdin, painter.stdout):
         if pipe is not None:
             try:

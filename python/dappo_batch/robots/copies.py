@@ -24,9 +24,11 @@ import numpy as np
 
 from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
+from dappo_batch.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
+from dappo_batch.robots.faults import refuse
 from dappo_batch.robots.flatten import flatten, lines, needed_files
-from dappo_batch.robots.mjcf import read_mjcf
+from dappo_batch.robots.mjcf import MOST_ASSET_BYTES, mjcf_faults, read_mjcf
 
 __all__ = ["COPY_TOML", "RobotCopy", "check_confined", "damage_settings", "explain"]
 
@@ -83,6 +85,7 @@ class RobotCopy:
             If a file is missing or cannot be copied.
         """
         loaded = load_robot(robot)
+        refuse(f"robot {loaded.name}: the MJCF {loaded.mjcf_path}", mjcf_faults(loaded.mjcf_path))
         flattened = flatten(loaded.mjcf_path)
         files = {COPY_TOML: _with_mjcf(loaded).encode(), _MJCF: flattened.text.encode()}
         files |= {name: text.encode() for name, text in flattened.documents.items()}
@@ -146,8 +149,11 @@ class RobotCopy:
             models = []
             for path in (original, Path(folder, _MJCF)):
                 try:
-                    models.append(read_mjcf(path).compile())
-                except ValueError as error:
+                    with quiet_mujoco():
+                        spec = read_mjcf(path)
+                        spec.compiler.usethread = False
+                        models.append(spec.compile())
+                except MUJOCO_ERRORS as error:
                     raise ConfigError(f"the robot {self.origin} cannot be copied: {error}") from error
         if array := _first_difference(*models):
             raise ConfigError(
@@ -267,17 +273,23 @@ def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
     CheckpointError
         If it names another file.
     """
-    needed = {}
+    seen: set[str] = set()
     try:
-        needed[COPY_TOML] = {str(tomllib.loads(files[COPY_TOML].decode()).get("mjcf"))}
-        for name, content in files.items():
-            if name.endswith(".xml"):
-                needed[name] = needed_files(content.decode())
-    except (ValueError, KeyError) as error:
+        # Of any ending: MuJoCo asks for none.
+        wanted = documents = {str(tomllib.loads(files[COPY_TOML].decode()).get("mjcf"))}
+        name = COPY_TOML
+        waiting: list[str] = []
+        while True:
+            if foreign := sorted(wanted - files.keys()):
+                raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
+            waiting += documents - seen
+            if not waiting:
+                return
+            name = waiting.pop()
+            seen.add(name)
+            wanted, documents = needed_files(files[name].decode())
+    except (ValueError, KeyError, RecursionError) as error:
         raise _broken(folder, f"it is broken or foreign ({error})") from error
-    for name, wanted in needed.items():
-        if foreign := sorted(wanted - files.keys()):
-            raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
 
 
 def _check_kinds(header: dict[str, Any]) -> None:
@@ -299,7 +311,7 @@ def _check_kinds(header: dict[str, Any]) -> None:
 def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:
     if Path(name).name != name:
         raise _broken(folder / _HEADER, f"it lists {name!r}, expected the name of a file beside it")
-    content = _read_regular(folder / name, known["bytes"])
+    content = _read_regular(folder / name, min(known["bytes"], MOST_ASSET_BYTES))
     if _sha256(content) != known["sha256"]:
         raise _broken(folder / name, "it has changed since it was written")
     return content

@@ -60,30 +60,46 @@ def flatten(path: Path) -> Flattened:
         If a file is missing, or is no XML.
     """
     flattened = Flattened()
-    flattened.text = _Document(path, flattened, path.parent).text()
+    try:
+        flattened.text = _Document(path, flattened, path.parent).text()
+    except RecursionError:
+        raise ConfigError(f"{path} includes or attaches itself, or is nested too deeply") from None
     return flattened
 
 
-def needed_files(text: str) -> set[str]:
-    """Return all files that an MJCF names; a flattened one names those beside it alone.
+def needed_files(text: str) -> tuple[set[str], set[str]]:
+    """Return all files that an MJCF names, beside it if it is flattened, and those that are MJCFs.
 
     Raises
     ------
     ValueError
-        If it is no XML.
+        If it is no MJCF.
     """
-    found = set()
-    try:
-        model = ET.fromstring(_COMMENT.sub("", text))
-    except ET.ParseError as error:
-        raise ValueError(f"not valid XML: {error}") from error
+    found, documents = set(), set()
+    model = _parse(text)
+    # MuJoCo reads robots of another format, too, which name files in other ways.
+    if model.tag not in ("mujoco", "mujocoinclude"):
+        raise ValueError(f"it begins with <{model.tag}>, expected <mujoco>")
     for element in model.iter():
-        if element.tag == "include":
-            found.add(element.get("file", ""))
         for name, value in element.items():
             if _FILES.fullmatch(name) or name in _DIRECTORIES:
                 found.add(value)
-    return found
+        if element.tag in ("include", "model"):
+            documents.add(element.get("file", ""))
+    return found | documents, documents
+
+
+def _parse(text: str) -> ET.Element:
+    """Parse an MJCF as MuJoCo does, which allows more in comments than XML does.
+
+    Comments are emptied, not removed: within an attribute, where MuJoCo knows none, what is left is no XML.
+    """
+    if "<![CDATA[" in text or "<!DOCTYPE" in text:
+        raise ValueError("it has a CDATA section or a document type, which no MJCF needs")
+    try:
+        return ET.fromstring(_COMMENT.sub("<!---->", text))
+    except ET.ParseError as error:
+        raise ValueError(f"not valid XML: {error}") from error
 
 
 def lines(text: str) -> list[str]:
@@ -122,12 +138,11 @@ class _Document:
 
     def _read(self, path: Path) -> ET.Element:
         try:
-            # MuJoCo allows more in comments than XML does.
-            element = ET.fromstring(_COMMENT.sub("", path.read_text(encoding="utf-8-sig")))
+            element = _parse(path.read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise ConfigError(f"{path} cannot be read: {error.strerror or error}") from error
-        except (ET.ParseError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is not valid XML: {error}") from error
+        except ValueError as error:
+            raise ConfigError(f"{path} cannot be read: {error}") from error
         said = "\n".join(_lines(element))
         self._into.sources[relpath(path, self._root)] = hashlib.sha256(said.encode()).hexdigest()
         return element

@@ -17,6 +17,8 @@ from xml.parsers import expat
 
 import mujoco
 
+from dappo_batch.robots.flatten import needed_files
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
@@ -24,7 +26,7 @@ __all__ = ["mjcf_faults", "read_mjcf"]
 
 _MOST_BYTES = 32 << 20
 """Of all XML files together."""
-_MOST_ASSET_BYTES = 1 << 30
+MOST_ASSET_BYTES = 1 << 30
 _MOST_FILES = 256
 _MOST_ELEMENTS = 100_000
 """With all copies that ``replicate`` and its like make."""
@@ -74,11 +76,8 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
         str(path).encode()
     except UnicodeEncodeError:
         text = path.read_text(encoding="utf-8")
-        others = {
-            file.name: file.read_bytes()
-            for file in path.parent.iterdir()
-            if file != path and file.is_file() and file.name in text
-        }
+        beside = {name: path.parent / name for name in needed_files(text)[0]}
+        others = {name: file.read_bytes() for name, file in beside.items() if file.is_file()}
         return mujoco.MjSpec.from_string(text, assets=others)
     return mujoco.MjSpec.from_file(str(path))
 
@@ -100,7 +99,7 @@ def mjcf_faults(path: Path) -> list[str]:
     _scan_file(scan, path)
     for folder, name in sorted(scan.assets):
         for candidate in {base / sub / name for base in (folder, path.parent) for sub in scan.folders}:
-            if (what := _unreadable(candidate, _MOST_ASSET_BYTES)) is not None:
+            if (what := _unreadable(candidate, MOST_ASSET_BYTES)) is not None:
                 scan.fault(path, f"the file {name!r} {what}")
     if scan.elements > _MOST_ELEMENTS:
         scan.fault(
@@ -161,12 +160,16 @@ class _Reader:
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.EntityDeclHandler = self._entity
+        parser.StartCdataSectionHandler = self._cdata
         parser.Parse(_without_comments(data), True)
         for include in self.includes:
             _scan_file(self.scan, include)
 
     def _entity(self, *_: object) -> None:
         self.scan.fault(self.path, "it declares an entity, which MuJoCo does not know")
+
+    def _cdata(self) -> None:
+        self.scan.fault(self.path, "it has a CDATA section, which no MJCF needs")
 
     def _end(self, _: str) -> None:
         self.copies.pop()
@@ -203,7 +206,8 @@ def _without_comments(data: bytes) -> bytes:
         end = data.find(b"-->", start + 4)
         if end < 0:
             break  # the parser says so
-        parts += [data[position:start], b"\n" * data.count(b"\n", start, end)]
+        # An empty comment is left: within an attribute, where MuJoCo knows none, that is no XML.
+        parts += [data[position:start], b"<!--", b"\n" * data.count(b"\n", start, end), b"-->"]
         position = end + 3
     return b"".join([*parts, data[position:]])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from dappo_batch.runs import Run, load_run
 
 __all__ = ["Cell", "cells_of", "options_of"]
 
+MOST_CELLS = 10**6
 _OPTIONS = frozenset(TrainingOptions.__annotations__)
 
 
@@ -50,6 +52,8 @@ def cells_of(grid: Mapping[str, Sequence[Any]], folder: Path) -> Iterator[Cell]:
         sequence(values, f"the grid's values of {key}")
     if empty := [key for key, values in grid.items() if not len(values)]:
         raise ConfigError(f"the grid has no values for {', '.join(empty)}")
+    if math.prod(len(values) for values in grid.values()) > MOST_CELLS:
+        raise ConfigError(f"the grid has more than {MOST_CELLS} cells")
     seen = set()
     for values in itertools.product(*grid.values()):
         cell = dict(zip(grid, values, strict=True))
@@ -72,4 +76,5 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Split options of `train` from settings, which go into its option `set`."""
     options = {key: value for key, value in values.items() if key in _OPTIONS}
     settings = {key: value for key, value in values.items() if key not in _OPTIONS}
-    return options | ({"set": {**options.get("set", {}), **settings}} if settings else {})
+    given = mapping(options.get("set") or {}, "set")
+    return options | ({"set": {**given, **settings}} if settings else {})

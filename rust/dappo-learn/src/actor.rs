@@ -23,7 +23,12 @@ impl Actor {
     /// A network over standardised observations, followed by a damage code of `code_length` entries.
     pub fn new(net: Mlp, standardizer: Standardizer, code_length: usize, code_scale: f32) -> Result<Self> {
         let actor = Self { net, standardizer, code_length, code_scale };
-        let (got, expected) = (actor.net.sizes(), actor.obs_dim() + code_length);
+        if !code_scale.is_finite() {
+            return Err(LearnError::Invalid(format!(
+                "the scale of the damage code is {code_scale}, expected a finite number"
+            )));
+        }
+        let (got, expected) = (actor.net.sizes(), actor.obs_dim().saturating_add(code_length));
         if got.len() < 2 || got[0] != expected {
             return Err(LearnError::Invalid(format!(
                 "the layers of the policy have widths {got:?}, expected {expected} inputs"

@@ -236,9 +236,13 @@ impl TemporaryFolder {
                 Err(error) => return Err(io(&path)(error)),
                 Ok(()) => {}
             }
-            let handle = File::open(&path).map_err(io(&path))?;
-            let _ = handle.try_lock();
-            if path.exists() {
+            // Before it is locked another process may sweep it.
+            let handle = match File::open(&path) {
+                Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                opened => opened.map_err(io(&path))?,
+            };
+            let is_swept = matches!(handle.try_lock(), Err(TryLockError::WouldBlock));
+            if !is_swept && path.exists() {
                 return Ok(Self { path, _handle: handle });
             }
         }
@@ -373,9 +377,9 @@ fn create_temporary(path: &Path) -> IoResult<(PathBuf, File)> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(error) => return Err(error),
             Ok(file) => {
-                let _ = file.try_lock();
-                // Before it was locked somebody may have swept it.
-                if file.metadata()?.nlink() > 0 {
+                // Before it was locked another process may have swept it, or may be about to.
+                let is_swept = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+                if !is_swept && file.metadata()?.nlink() > 0 {
                     return Ok((temporary, file));
                 }
             }

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::error::Result;
-use crate::files::{TemporaryFolder, io, rename, replace_folder, stem_of, sweep, write_new};
+use crate::files::{TemporaryFolder, io, rename, replace_folder, sync_folder, write_new};
 
 /// Name of the folder.
 const FOLDER: &str = "robot";
@@ -26,19 +26,18 @@ pub fn keep_first(root: &Path, files: &RobotFiles) -> Result<()> {
         return Ok(());
     }
     let written = write(root, files)?;
+    sync_folder(written.path())?;
     // Another process may have been faster; a folder that holds something is never replaced.
     match rename(written.path(), &folder) {
         Err(_) if folder.exists() => Ok(()),
-        renamed => renamed,
+        renamed => renamed.and_then(|()| sync_folder(root)),
     }
 }
 
 /// Writes the files into a folder that has not its name yet.
 fn write(root: &Path, files: &RobotFiles) -> Result<TemporaryFolder> {
     fs::create_dir_all(root).map_err(io(root))?;
-    let folder = root.join(FOLDER);
-    sweep(root, |stem| stem == stem_of(&folder));
-    let written = TemporaryFolder::create(&folder)?;
+    let written = TemporaryFolder::create(&root.join(FOLDER))?;
     for (name, bytes) in files {
         write_new(&written.path().join(name), bytes)?;
     }

@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::cli::policy::{self, LoadedPolicy};
-use crate::errors::{Kind, from_learn, raise};
+use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::pool::Pool;
 use crate::run_robot::{self, OpenRun, RobotChanged};
@@ -108,6 +108,15 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
     let found: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
     if found != export.header().class_names() {
         let message = "the damage classes of its robot are not those of its policy; export again";
+        return Err(raise(Kind::Checkpoint, message));
+    }
+    let sizes = factory.sizes(&config).map_err(|error| from_sim(&error))?;
+    let (header, obs_dim) = (export.header(), sizes.obs_dim - sizes.code_length);
+    let code_lengths = [0, factory.space().code_length()];
+    if (header.obs_dim, header.action_dim) != (obs_dim, sizes.action_dim)
+        || !code_lengths.contains(&header.policy.code_length)
+    {
+        let message = "the observations, actions or damage codes of its robot are not those of its policy; export again";
         return Err(raise(Kind::Checkpoint, message));
     }
     Ok((factory, config))

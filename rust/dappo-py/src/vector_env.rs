@@ -295,9 +295,9 @@ impl PyVectorEnv {
     }
 
     /// Everything that the next steps depend on.
-    fn save_state(&self) -> PyResult<PyEnvState> {
-        let snapshot = self.env()?.snapshot().map_err(|error| from_sim(&error))?;
-        Ok(PyEnvState { snapshot })
+    fn save_state(&self, py: Python<'_>) -> PyResult<PyEnvState> {
+        let Running { env, pool } = self.running()?;
+        Ok(PyEnvState { snapshot: pool.run(py, || env.snapshot())? })
     }
 
     /// Goes back to a saved state of an env of the same robot, backend, precision and number of envs.

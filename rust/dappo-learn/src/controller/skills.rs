@@ -41,12 +41,16 @@ impl Skills {
         ));
         }
         let obs_dim = twins.task().obs_dim();
+        let nu = twins.task().layout().nu;
+        let outputs = |actor: &Actor| actor.net().sizes().last().copied().unwrap_or(0);
         for (part, got, expected) in [
+            ("entries in an action of the policy", outputs(policy), nu),
+            ("entries in an action of the expert", outputs(expert.actor()), nu),
             ("entries in an observation of the policy", policy.obs_dim(), obs_dim),
             ("entries in the damage code of the policy", code_length, subject.code_length()),
             ("entries in an observation of the expert", expert.obs_dim(), obs_dim),
             ("entries in an observation of the diagnoser", description.obs_dim, obs_dim),
-            ("entries in an action of the diagnoser", description.action_dim, twins.task().layout().nu),
+            ("entries in an action of the diagnoser", description.action_dim, nu),
             ("damage classes of the diagnoser", subject.classes(), twins.num_classes()),
             ("baselines", baselines.len(), subject.classes()),
         ] {

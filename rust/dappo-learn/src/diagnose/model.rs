@@ -188,6 +188,10 @@ impl Diagnoser {
     /// Writes the diagnoser as a folder, in place of an earlier one.
     pub fn save(&self, folder: &Path) -> Result<()> {
         own_folder(folder)?;
+        if let Err(foreign) = check_names(folder, |name| [HEADER, WEIGHTS].contains(&name)) {
+            let message = "it is none of a diagnoser's files, and would go with the earlier one; move it away";
+            return Err(unreadable(&foreign, message));
+        }
         let new = TemporaryFolder::create(folder)?;
         let bytes = module_bytes(&self.net, &folder.join(WEIGHTS))?;
         let header = Header {

@@ -1,5 +1,7 @@
 //! Whose damage is diagnosed.
 
+use std::collections::BTreeMap;
+
 use dappo_sim::DamageSpace;
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +53,7 @@ impl Subject {
                 self.codes.len()
             )));
         }
+        let mut seen = BTreeMap::new();
         for (class, code) in self.codes.iter().enumerate() {
             let name = &self.class_names[class];
             if code.len() != length || length == 0 || code.iter().any(|&bit| bit > 1) {
@@ -59,7 +62,7 @@ impl Subject {
                     length.max(1)
                 )));
             }
-            if let Some(other) = self.codes[..class].iter().position(|other| other == code) {
+            if let Some(other) = seen.insert(code.as_slice(), class) {
                 return Err(LearnError::Invalid(format!(
                     "classes `{}` and `{name}` have the same damage code",
                     self.class_names[other]

@@ -13,6 +13,7 @@ use crate::error::{LearnError, Result};
 use crate::gae::gae;
 use crate::metrics::Metrics;
 use crate::ppo::{Ppo, PpoConfig};
+use crate::robot_files::RobotFiles;
 use crate::run_folder::LockedRun;
 
 use session::Session;
@@ -36,13 +37,21 @@ pub struct Outcome {
     pub interrupted: bool,
 }
 
-/// Trains until the budget is spent. A run goes on from its newest checkpoint when `resume` is given: what its folder
-/// is to hold as its configuration from now on. One that was stopped before its first checkpoint begins anew.
+/// What the folder of a run that goes on is to hold from now on.
+pub struct Resumption {
+    /// Its configuration.
+    pub config: Config,
+    /// The robot, if it is another than the run has kept.
+    pub robot: Option<RobotFiles>,
+}
+
+/// Trains until the budget is spent. A run goes on from its newest checkpoint when `resume` is given; one that was
+/// stopped before its first checkpoint begins anew.
 pub fn train(
     config: &Config,
     factory: &dyn EnvFactory,
     run: &LockedRun,
-    resume: Option<&Config>,
+    resume: Option<&Resumption>,
     observer: &mut dyn Observer,
 ) -> Result<Outcome> {
     let mut session = Session::new(config, factory)?;
@@ -52,9 +61,12 @@ pub fn train(
     } else {
         session.save(run)?;
     }
-    if let Some(changed) = resume {
+    if let Some(Resumption { config, robot }) = resume {
         // Only now, when it is certain that the run can go on.
-        run.change(changed, session.progress)?;
+        if let Some(robot) = robot {
+            run.keep_robot(robot)?;
+        }
+        run.change(config, session.progress)?;
     }
     let mut interrupted = false;
     while session.progress.env_steps < config.total_steps && !interrupted {

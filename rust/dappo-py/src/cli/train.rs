@@ -6,19 +6,17 @@ use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use dappo_learn::LearnerDevice;
-use dappo_learn::checkpoint::Checkpoint;
 use dappo_learn::config::{Config, change};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::Encoding;
-use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
-use dappo_learn::train::train;
+use dappo_learn::train::{Resumption, train};
 use pyo3::prelude::*;
 
 use super::args::TrainArgs;
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
-use super::{Caller, INTERRUPTED, console, policy, settings};
+use super::{Caller, INTERRUPTED, console, settings};
 use crate::errors::from_learn;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
@@ -26,8 +24,8 @@ use crate::run_robot::{OpenRun, RobotCopy};
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
-        let Reopened { run, robot, changed, config } = reopen(py, folder, arguments)?;
-        (config, Some((run, robot, changed)))
+        let (run, resumption, config) = reopen(py, folder, arguments)?;
+        (config, Some((run, resumption)))
     } else {
         (settings::resolve(py, &arguments.config)?, None)
     };
@@ -35,13 +33,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     let factory = settings::ready(py, &mut config)?;
     // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
     config.env.backend = factory.backend_kind();
-    let (run, changed) = match resumed {
-        Some((run, robot, changed)) => {
-            if let Some(robot) = robot {
-                pool.run(py, || keep_robot(&run, &config, &factory, &robot))?;
-            }
-            (run, Some(changed))
-        }
+    let (run, resumption) = match resumed {
+        Some((run, resumption)) => (run, Some(resumption)),
         None => (create(py, arguments, &config, &factory, argv, pool.num_threads())?, None),
     };
     if !arguments.json {
@@ -52,7 +45,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     let interrupted = caller.watch()?;
     let objects = arguments.json.then_some(caller);
     let mut display = Display::new(&config, objects, Arc::clone(&interrupted));
-    let outcome = pool.run(py, || train(&config, &factory, &run, changed.as_ref(), &mut display));
+    let outcome = pool.run(py, || train(&config, &factory, &run, resumption.as_ref(), &mut display));
     display.finish();
     let outcome = outcome?;
     if outcome.interrupted {
@@ -79,20 +72,14 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     Ok(0)
 }
 
-/// A run to go on with.
-struct Reopened {
-    run: LockedRun,
-    /// The robot that it is to keep, if that is another one than it has.
-    robot: Option<RobotFiles>,
-    /// What its folder is to hold as its configuration from now on.
-    changed: Config,
-    /// The same for this machine, with the robot to compile.
-    config: Config,
-}
-
 /// Opens a run to go on with; `--steps` may extend its budget, `--set` change some settings, and another machine may
-/// have other threads and devices of networks.
-fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<Reopened> {
+/// have other threads and devices of networks. The last part is the configuration for this machine, with the robot to
+/// compile.
+fn reopen(
+    py: Python<'_>,
+    folder: &Path,
+    arguments: &TrainArgs,
+) -> PyResult<(LockedRun, Resumption, Config)> {
     let OpenRun { folder, config: simulated, robot, is_kept, .. } =
         OpenRun::open(py, folder, arguments.robot_changed)?;
     let run = folder.lock().map_err(|error| from_learn(&error))?;
@@ -110,20 +97,7 @@ fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<Reop
         config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
     }
     config.robot_file = simulated.robot_file;
-    Ok(Reopened { run, robot, changed, config })
-}
-
-/// Keeps a copy of another robot, if the policy can control that.
-fn keep_robot(
-    run: &LockedRun,
-    config: &Config,
-    factory: &TableFactory,
-    robot: &RobotFiles,
-) -> dappo_learn::Result<()> {
-    if Checkpoint::any(&run.checkpoints())? {
-        policy::load(run, config, factory)?;
-    }
-    run.keep_robot(robot)
+    Ok((run, Resumption { config: changed, robot }, config))
 }
 
 fn create(

@@ -1,6 +1,6 @@
 //! The complete state of a vector env, for checkpoints that resume exactly.
 
-use super::VectorEnv;
+use super::{Autoreset, VectorEnv};
 use super::episode::Episode;
 use crate::backend::BackendSnapshot;
 use crate::error::{SimError, expect_len};
@@ -40,6 +40,11 @@ impl VectorEnv {
                 episode[3],
                 classes - 1
             )));
+        }
+        let waits = snapshot.episodes.iter().any(|episode| episode[5] != 0);
+        if waits && self.config.autoreset == Autoreset::SameStep {
+            let message = "an episode waits for its reset, which no episode does where envs reset in the same step";
+            return Err(SimError::Snapshot(message.into()));
         }
         self.backend.restore(&snapshot.backend)?;
         self.buffers.obs.copy_from_slice(&snapshot.obs);

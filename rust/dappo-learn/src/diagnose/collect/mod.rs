@@ -133,6 +133,10 @@ pub fn collect(
     Bytes::of(3 * block, header.record_bytes() as usize)
         .require(&format!("{block} rollouts of {classes} damage classes with {} steps", config.timesteps))?;
     header.write_or_match(folder)?;
+    if range.is_empty() {
+        // With more pieces than rollouts some have none, and no file.
+        return Ok(Collected { rollouts: 0, diverged: 0, interrupted: false });
+    }
     check_piece(folder, &header, &range)?;
     let mut part = Part::open(folder, &header, range.start)?;
     let missing = keys.len().saturating_sub(part.count());

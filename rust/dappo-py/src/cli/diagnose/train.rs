@@ -30,7 +30,8 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
         robot.check_same(py, &arguments.data, (folder, &kept), true)?;
     }
     let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
-    if let (Some(robot), None) = (&robot, &arguments.resume) {
+    // A kill may have left a training without one.
+    if let (Some(robot), None) = (&robot, RobotCopy::read(py, folder.root())?) {
         keep(folder.root(), &robot.to_keep(py)?).map_err(|error| from_learn(&error))?;
     }
     if !arguments.json {
