@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import ConfigError, Policy
+from dappo_batch import ConfigError, DappoError, Policy
 from dappo_batch._core import run_cli
 
 from .mesh_robot import write_mesh_robot
@@ -148,6 +148,20 @@ def test_with_use_run_everything_is_as_it_was_and_with_use_file_as_the_file_is(p
     assert "expected `use-run` or `use-file`" in refusal(
         lambda: Policy.load(aware, robot_changed="neither")  # type: ignore[arg-type]
     )
+
+
+def test_a_run_that_cannot_go_on_with_the_changed_file_keeps_its_own_robot(place: Path) -> None:
+    run = train(place / "run", place / "robot" / "tripod.toml", backend="mujoco")
+    kept = (run / "robot" / "robot.xml").read_text()
+    # Observations and actions stay as they are, the states of the checkpoint do not fit any more.
+    filtered = '<general joint="west_knee" dyntype="filter" dynprm="0.1" gainprm="15"/>'
+    edit(
+        place / "robot" / "tripod.toml", (GEAR[0], '<position name="west_knee" joint="west_knee"/>', filtered)
+    )
+    with pytest.raises(DappoError, match="its envs are not those of this run"):
+        dappo_batch.resume(run, steps=2 * STEPS, threads=1, robot_changed="use-file")
+    assert (run / "robot" / "robot.xml").read_text() == kept
+    dappo_batch.resume(run, steps=2 * STEPS, threads=1, robot_changed="use-run")
 
 
 def test_a_run_that_goes_on_with_the_changed_file_keeps_that(place: Path) -> None:
