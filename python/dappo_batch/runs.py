@@ -159,9 +159,11 @@ def _evaluations(folder: Path, name: str, required: tuple[str, ...]) -> dict[str
     """Read ``NAME.csv``, which is of the truth, and ``NAME.ENCODING.csv``."""
     found = {}
     for encoding in ("true", "zero", "wrong", "random"):
-        file = f"{name}.csv" if encoding == "true" else f"{name}.{encoding}.csv"
-        table = _optional(folder / "eval" / file, required)
+        path = folder / "eval" / (f"{name}.csv" if encoding == "true" else f"{name}.{encoding}.csv")
+        table = _optional(path, required)
         if table is not None:
+            if not len(table[required[0]]):
+                raise CheckpointError(f"{path} has no rows; dappo-batch evaluate writes it anew")
             found[encoding] = table
     return found
 

@@ -291,6 +291,7 @@ def test_a_copy_that_is_not_what_was_written_is_refused_by_name(tmp_path: Path) 
         ("robot.xml", "<worldbody>", '<include file="../other.xml"/><worldbody>'),
         ("robot.xml", "<compiler", '<compiler meshdir="/etc"'),
         ("robot.toml", 'mjcf = "robot.xml"', 'mjcf = "../robot.xml"'),
+        ("robot.toml", 'name = "tripod"', ""),
         ("robot.xml", "<worldbody>", '<include file="robot-hat.obj"/><worldbody>'),
         (
             "robot.xml",

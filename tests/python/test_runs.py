@@ -64,6 +64,14 @@ def test_a_run_that_goes_on_can_be_read(tmp_path: Path) -> None:
     assert (dict(run.metrics), dict(run.meta)) == ({}, {})
 
 
+def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "run", forward_rewards=[1.0])
+    (path / "eval").mkdir(exist_ok=True)
+    (path / "eval" / "per_class.csv").write_text("class,name,group,forward_reward\n")
+    with pytest.raises(CheckpointError, match=r"per_class\.csv has no rows; dappo-batch evaluate writes it"):
+        load_run(path)
+
+
 def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is no folder; expected a run folder"):
         load_run(tmp_path / "nowhere")

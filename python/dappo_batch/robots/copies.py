@@ -276,7 +276,10 @@ def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
     seen: set[str] = set()
     try:
         # Of any ending: MuJoCo asks for none.
-        wanted = documents = {str(tomllib.loads(files[COPY_TOML].decode()).get("mjcf"))}
+        robot = tomllib.loads(files[COPY_TOML].decode())
+        if not isinstance(robot.get("name"), str):
+            raise ValueError(f"{COPY_TOML} has no name of the robot")
+        wanted = documents = {str(robot.get("mjcf"))}
         name = COPY_TOML
         waiting: list[str] = []
         while True:
