@@ -189,7 +189,8 @@ impl Diagnoser {
     pub fn save(&self, folder: &Path) -> Result<()> {
         own_folder(folder)?;
         if let Err(foreign) = check_names(folder, |name| [HEADER, WEIGHTS].contains(&name)) {
-            let message = "it is none of a diagnoser's files, and would go with the earlier one; move it away";
+            let message =
+                "it is none of a diagnoser's files, and would go with the earlier one; move it away";
             return Err(unreadable(&foreign, message));
         }
         let new = TemporaryFolder::create(folder)?;

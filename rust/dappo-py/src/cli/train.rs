@@ -75,11 +75,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
 /// Opens a run to go on with; `--steps` may extend its budget, `--set` change some settings, and another machine may
 /// have other threads and devices of networks. The last part is the configuration for this machine, with the robot to
 /// compile.
-fn reopen(
-    py: Python<'_>,
-    folder: &Path,
-    arguments: &TrainArgs,
-) -> PyResult<(LockedRun, Resumption, Config)> {
+fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Resumption, Config)> {
     let OpenRun { folder, config: simulated, robot, is_kept, .. } =
         OpenRun::open(py, folder, arguments.robot_changed)?;
     let run = folder.lock().map_err(|error| from_learn(&error))?;

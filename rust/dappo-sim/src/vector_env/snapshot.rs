@@ -1,7 +1,7 @@
 //! The complete state of a vector env, for checkpoints that resume exactly.
 
-use super::{Autoreset, VectorEnv};
 use super::episode::Episode;
+use super::{Autoreset, VectorEnv};
 use crate::backend::BackendSnapshot;
 use crate::error::{SimError, expect_len};
 
@@ -43,7 +43,8 @@ impl VectorEnv {
         }
         let waits = snapshot.episodes.iter().any(|episode| episode[5] != 0);
         if waits && self.config.autoreset == Autoreset::SameStep {
-            let message = "an episode waits for its reset, which no episode does where envs reset in the same step";
+            let message =
+                "an episode waits for its reset, which no episode does where envs reset in the same step";
             return Err(SimError::Snapshot(message.into()));
         }
         self.backend.restore(&snapshot.backend)?;
