@@ -110,11 +110,11 @@ class Engine:
         """Take over weights, laid out as `Mlp` describes them, and the log-std [A]."""
         self._policy.assign(actor, critic, log_std)
 
-    def assign_normalizer(
-        self, mean: NDArray[np.float64], variance: NDArray[np.float64], count: int, code_scale: float
+    def assign_transform(
+        self, statistics: tuple[NDArray[np.float32], NDArray[np.float32]] | None, code_scale: float
     ) -> None:
         """Take over the statistics of observations; see `Normalizer.assign`."""
-        self._policy.normalizer.assign(mean, variance, count, code_scale)
+        self._policy.normalizer.assign(statistics, code_scale)
 
     def collect(self, first_step: int) -> dict[str, NDArray[np.generic]]:
         """Run the policy for one horizon and return the buffers, which the next call overwrites.

@@ -24,7 +24,6 @@ LN_SQRT_TAU = wp.constant(wp.float64(0.5 * math.log(math.tau)))
 HALF = wp.constant(wp.float64(0.5))
 
 CLIP = 10.0  # standard deviations beyond which normalised observations are cut
-EPSILON = 1e-8  # added to the variance
 
 
 @wp.kernel
@@ -120,24 +119,21 @@ class Normalizer:
         self.scale = wp.full(obs_dim, 1.0, dtype=wp.float32)
         self.bound = wp.full(obs_dim, math.inf, dtype=wp.float32)
 
-    def assign(self, mean: ArrayLike, variance: ArrayLike, count: int, code_scale: float = 1.0) -> None:
+    def assign(self, statistics: tuple[ArrayLike, ArrayLike] | None, code_scale: float = 1.0) -> None:
         """Take over statistics.
 
         Parameters
         ----------
-        mean, variance : array of shape [obs_dim - code_length]
-            Population mean and variance of every entry before the code.
-        count : int
-            Rows that they come from; with 0 the entries pass unchanged.
+        statistics : (mean, scale), arrays of shape [obs_dim - code_length], or None
+            Mean and 1 / standard deviation of every entry before the code; with `None` they pass unchanged.
         code_scale : float
             Factor of the entries of the code.
         """
         shift, scale, bound = (array.numpy().copy() for array in (self.shift, self.scale, self.bound))
         tracked = slice(self._tracked)
         shift[tracked], scale[tracked], bound[tracked] = 0.0, 1.0, math.inf
-        if count > 0:
-            shift[tracked] = np.asarray(mean, dtype=np.float64)
-            scale[tracked] = 1.0 / np.sqrt(np.asarray(variance, dtype=np.float64) + EPSILON)
+        if statistics is not None:
+            shift[tracked], scale[tracked] = statistics
             bound[tracked] = CLIP
         scale[self._tracked :] = code_scale
         for array, values in ((self.shift, shift), (self.scale, scale), (self.bound, bound)):

@@ -20,7 +20,7 @@ from dappo_batch import ClassTable
 from . import processes
 
 TOGETHER = (
-    r"^tests/kernels/|/test_(warp_|gpu_check)",  # two processes that need a kernel at once both compile it
+    r"^tests/(kernels|gpu)/|/test_warp_",  # two processes that need a kernel at once both compile it
     r"/test_(controller|export)\.py$",  # the fixture `parts`
 )
 """Patterns of test files that run in one process."""

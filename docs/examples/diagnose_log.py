@@ -35,7 +35,7 @@ def main(folder: Path) -> None:
     """Train an expert and a diagnoser, then look at a log."""
     expert, pairs, out = folder / "expert", folder / "pairs", folder / "diagnoser"
     quick = {"evaluation.episodes": 1}
-    dappo_batch.train(expert, robot="ant", healthy=True, envs=64, steps=100_000, set=quick)
+    dappo_batch.train(expert, robot="ant", healthy=True, num_envs=64, total_steps=100_000, set=quick)
     dappo_batch.collect_pairs(expert, pairs, rollouts=40, timesteps=STEPS, preset="residual")
     dappo_batch.train_diagnoser(pairs, out, set={"epochs": 5})
 

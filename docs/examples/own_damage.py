@@ -15,10 +15,10 @@ import mujoco
 import numpy as np
 
 import dappo_batch
-from dappo_batch.damage import DAMAGE_TYPES, DamageType
-from dappo_batch.robots import Limb
+from dappo_batch import DamageType, Limb
 
 
+@dappo_batch.register_damage_type
 @dataclass(frozen=True)
 class RustyJoints(DamageType):
     """All joints of the limb turn hard."""
@@ -35,7 +35,6 @@ class RustyJoints(DamageType):
 
 def main(folder: Path, steps: int) -> None:
     """Train with the new type beside one of the package, and show what each class of it costs."""
-    DAMAGE_TYPES[RustyJoints.name] = RustyJoints
     settings = {
         "damage": {
             "types": ["missing_toe", "rusty_joints"],
@@ -44,7 +43,7 @@ def main(folder: Path, steps: int) -> None:
         },
         "evaluation.episodes": 2,
     }
-    run = dappo_batch.train(folder / "run", robot="ant", envs=64, steps=steps, set=settings)
+    run = dappo_batch.train(folder / "run", robot="ant", num_envs=64, total_steps=steps, set=settings)
     classes = run.per_class["true"]
     for name, reward in zip(classes["name"], classes["forward_reward"], strict=True):
         print(f"{name:<16} {reward:8.1f}")

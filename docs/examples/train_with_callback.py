@@ -26,13 +26,13 @@ def watch(metrics: dict[str, Any]) -> bool:
 
 def main(folder: Path, steps: int) -> None:
     """Train, read the run as arrays, and go on with it."""
-    options: dappo_batch.TrainingOptions = {"robot": "ant", "envs": 64, "set": {"evaluation.episodes": 2}}
-    run = dappo_batch.train(folder / "run", steps=steps, callback=watch, **options)
+    options: dappo_batch.TrainingOptions = {"robot": "ant", "num_envs": 64, "set": {"evaluation.episodes": 2}}
+    run = dappo_batch.train(folder / "run", total_steps=steps, callback=watch, **options)
     rewards, seconds = run.metrics["forward_reward"], run.metrics["rollout_seconds"]
     print(f"{len(rewards)} iterations, {seconds.sum():.1f} s of simulation")
 
     # A run that was stopped goes on where it stood, and is evaluated when its budget is spent.
-    finished = dappo_batch.resume(run.path, steps=int(run.metrics["env_steps"][-1]))
+    finished = dappo_batch.resume(run.path, total_steps=int(run.metrics["env_steps"][-1]))
     classes = finished.per_class["true"]
     best = classes["forward_reward"].argmax()
     print(f"best damage class: {classes['name'][best]}, {classes['forward_reward'][best]:.1f}")

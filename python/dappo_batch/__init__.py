@@ -20,8 +20,8 @@ from dappo_batch._core import (
     ShapeError,
     SimulationError,
 )
+from dappo_batch._extras import MissingExtraError
 from dappo_batch._pickling import NotPicklableError
-from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.commands import (
     TrainingOptions,
     adapt,
@@ -32,42 +32,59 @@ from dappo_batch.commands import (
     train,
     train_diagnoser,
 )
+from dappo_batch.commands.export import export
 from dappo_batch.controller import Controller
+from dappo_batch.damage import DamageType, register_damage_type
 from dappo_batch.diagnoser import Diagnoser
-from dappo_batch.envs import DamageEnv, DamageVectorEnv, make_vec, register_envs
+from dappo_batch.envs import DamageEnv, DamageVectorEnv, EnvOptions, VectorEnvOptions, make_vec, register_envs
+from dappo_batch.model import ClassTable, ClassTableError, compile_class_table
 from dappo_batch.policy import Policy
-from dappo_batch.robots import ROBOTS, Robot, load_robot
+from dappo_batch.render import RenderError
+from dappo_batch.results import Change, Event, Meta
+from dappo_batch.robots import ROBOTS, Limb, Robot, load_robot
 from dappo_batch.runs import Run, load_run
-from dappo_batch.sweeping import sweep
+from dappo_batch.sweeps import sweep
 
 __all__ = [
     "ROBOTS",
+    "Change",
     "CheckpointError",
     "ClassTable",
+    "ClassTableError",
     "ConfigError",
     "Controller",
     "DamageClass",
     "DamageEnv",
     "DamageSpace",
+    "DamageType",
     "DamageVectorEnv",
     "DappoError",
     "Diagnoser",
+    "EnvOptions",
+    "Event",
+    "Limb",
+    "Meta",
+    "MissingExtraError",
     "NotPicklableError",
     "Policy",
+    "RenderError",
     "Robot",
     "Run",
     "ShapeError",
     "SimulationError",
     "TrainingOptions",
+    "VectorEnvOptions",
     "__version__",
     "adapt",
     "collect_pairs",
     "compile_class_table",
     "evaluate",
     "evaluate_diagnoser",
+    "export",
     "load_robot",
     "load_run",
     "make_vec",
+    "register_damage_type",
     "resume",
     "sweep",
     "train",

@@ -1,13 +1,13 @@
 """The Rust core: damage classes, the vector env, the command line and the exceptions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dappo_batch.class_table import ClassTable
+from dappo_batch.model import ClassTable
 
 __all__ = [
     "CheckpointError",
@@ -25,6 +25,7 @@ __all__ = [
     "SimulationError",
     "VectorEnv",
     "__version__",
+    "check_settings",
     "collect_rollout",
     "read_file",
     "robot_faults",
@@ -88,6 +89,8 @@ class VectorEnv:
         device: str = "cpu",
         backend: str = "auto",
         precision: str = "f32",
+        njmax: int | None = None,
+        nconmax: int | None = None,
     ) -> VectorEnv: ...
     @property
     def num_envs(self) -> int: ...
@@ -193,7 +196,7 @@ class Controller:
         expert: Path | None = None,
         num_robots: int = 1,
         trigger: str = "residual",
-        settings: Sequence[str] = ...,
+        settings: Mapping[str, Any] | None = ...,
         threads: int = 1,
         robot_changed: str | None = None,
     ) -> Controller: ...
@@ -264,9 +267,10 @@ class Policy:
 
 def read_file(path: Path, most: int = ...) -> bytes: ...
 def write_file(path: Path, content: bytes) -> None: ...
-def collect_rollout(arguments: Sequence[str]) -> dict[str, NDArray[Any]]: ...
+def check_settings(settings: object, what: str) -> None: ...
+def collect_rollout(**arguments: object) -> dict[str, NDArray[Any]]: ...
 def robot_faults(toml: str) -> list[str]: ...
 def run_cli(argv: Sequence[str]) -> int: ...
 def run_command(
-    arguments: Sequence[str], callback: Callable[[dict[str, Any]], object] | None = None
+    name: str, arguments: dict[str, Any], given: str, callback: Callable[[Any], object] | None = None
 ) -> None: ...

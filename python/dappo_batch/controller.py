@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,13 +13,10 @@ from dappo_batch._checks import array, flags, integer, text
 from dappo_batch._checks import folder as _folder
 from dappo_batch._core import ShapeError
 from dappo_batch._pickling import NotPicklable
-from dappo_batch.commands.invoke import assignments
 from dappo_batch.commands.options import RobotChanged
+from dappo_batch.results import Event
 
 MOST_ROBOTS = 2**24
-
-Event = dict[str, Any]
-"""``robot``, ``step`` (control steps since its start), ``event`` (the kind), and what belongs to the kind."""
 
 
 class Controller(NotPicklable):
@@ -77,7 +73,7 @@ class Controller(NotPicklable):
             expert=None if expert is None else _folder(expert, "expert"),
             num_robots=integer(num_robots, "num_robots", 1, MOST_ROBOTS),
             trigger=text(trigger, "trigger"),
-            settings=assignments({} if settings is None else settings, "settings"),
+            settings=settings,
             threads=integer(threads, "threads", 1),
             robot_changed=None if robot_changed is None else text(robot_changed, "robot_changed"),
         )
@@ -147,11 +143,7 @@ class Controller(NotPicklable):
 
     @property
     def events(self) -> list[Event]:
-        """All that has happened, in order.
-
-        Kinds are ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``readings_lost`` and
-        ``readings_back``.
-        """
+        """All that has happened, in order."""
         return self._events
 
     def act(self, obs: ArrayLike, forward_velocity: ArrayLike) -> NDArray[np.float32]:
@@ -188,7 +180,7 @@ class Controller(NotPicklable):
             )
         single = rows.ndim == 1
         actions = self._core.act(np.atleast_2d(rows), velocities)
-        self._events += self._core.take_events()
+        self._events += map(Event.from_dict, self._core.take_events())
         return actions[0] if single else actions
 
     def reset(self, mask: ArrayLike | None = None) -> None:

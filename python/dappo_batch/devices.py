@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dappo_batch.class_table import ClassTable
     from dappo_batch.kernels.engine import Engine
     from dappo_batch.kernels.stepper import Stepper
+    from dappo_batch.model import ClassTable
 
 __all__ = ["explain", "load_warp", "open_engine", "open_stepper", "problem", "report", "resolve"]
 
@@ -144,8 +144,9 @@ def explain(error: BaseException) -> str:
         sizes: dict[str, int] = getattr(error, "sizes", {})
         if not sizes:
             return f"{text}; --device cpu simulates every robot"
-        raised = " ".join(f"env.{name}={2 * size}" for name, size in sizes.items())
-        return f"{text}; give more, for example --set {raised}"
+        flags = " ".join(f"--{name} {2 * size}" for name, size in sizes.items())
+        arguments = ", ".join(f"{name}={2 * size}" for name, size in sizes.items())
+        return f"{text}; give more, for example {flags}, or {arguments} in Python"
     if isinstance(error, MemoryError) or "Failed to allocate" in text:
         return f"the device has too little memory: {text}; use fewer envs (--envs)"
     if isinstance(error, FloatingPointError):

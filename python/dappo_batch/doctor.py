@@ -5,11 +5,9 @@ A missing extra is not a failure. What can fail is the core: simulating damaged 
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import ctypes.util
 import importlib.metadata
-import json
 import os
 import platform
 import shutil
@@ -17,19 +15,20 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from json import dumps
 from typing import Any, Literal
 
 import numpy as np
 
-from dappo_batch import devices, mujoco_library
+from dappo_batch import devices
 from dappo_batch._core import LaneWorlds
-from dappo_batch.bench.machine import cores, cpu_flags, cpu_name
-from dappo_batch.class_table import compile_class_table
 from dappo_batch.envs import make_vec
-from dappo_batch.envs.simulation import Backend
+from dappo_batch.envs.options import Backend
+from dappo_batch.machine import cores, cpu_flags, cpu_name
+from dappo_batch.model import compile_class_table, mujoco_library
 from dappo_batch.render import film, opengl
 
-__all__ = ["Check", "diagnose", "main"]
+__all__ = ["Check", "command", "diagnose"]
 
 Status = Literal["ok", "missing", "failed"]
 
@@ -70,7 +69,7 @@ _EXTRAS = (
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
     _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),
     _Extra("torch", "using the environments from PyTorch", "pip install torch"),
-    _Extra("envpool", "one more contender in `dappo-batch bench`", "pip install envpool"),
+    _Extra("envpool", "a peer in `dappo-batch bench`", "pip install envpool"),
 )
 
 
@@ -292,21 +291,8 @@ def _text(findings: dict[str, Any]) -> str:
     return "\n".join([*lines, "", verdict])
 
 
-def main(argv: Sequence[str]) -> int:
-    """Run ``dappo-batch doctor`` and return its exit code: 0 if the core works, otherwise 1.
-
-    Parameters
-    ----------
-    argv : sequence of str
-        The arguments behind ``doctor``.
-    """
-    parser = argparse.ArgumentParser(
-        prog="dappo-batch doctor",
-        description="Say what is installed, what works and what to install. "
-        "The exit code is 0 if the core works; missing extras are not failures.",
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    arguments = parser.parse_args(argv)
+def command(*, json: bool) -> int:
+    """Run ``dappo-batch doctor`` and return its exit code: 0 if the core works, otherwise 1."""
     findings = diagnose()
-    print(json.dumps(findings, indent=2) if arguments.json else _text(findings))
+    print(dumps(findings, indent=2) if json else _text(findings))
     return 0 if findings["ok"] else 1

@@ -15,15 +15,15 @@ ray = pytest.importorskip("ray", reason="needs the extra `ray`: pip install dapp
 from ray.cluster_utils import Cluster
 
 import dappo_batch
-from dappo_batch.executors.ray import RayExecutor
+from dappo_batch.sweeps.ray import RayExecutor
 
 pytestmark = [pytest.mark.interop, pytest.mark.filterwarnings("ignore")]
 
 ITERATIONS = 300
 BASE = {
     "threads": 1,
-    "envs": 4,
-    "steps": 64 * ITERATIONS,
+    "num_envs": 4,
+    "total_steps": 64 * ITERATIONS,
     "horizon": 16,
     "ppo.hidden": [8],
     "evaluation.episodes": 1,

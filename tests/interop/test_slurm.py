@@ -9,14 +9,14 @@ import pytest
 pytest.importorskip("submitit", reason="needs the extra `slurm`: pip install dappo-batch[slurm]")
 
 import dappo_batch
-from dappo_batch.executors.slurm import SlurmExecutor
+from dappo_batch.sweeps.slurm import SlurmExecutor
 
 pytestmark = [pytest.mark.interop, pytest.mark.filterwarnings("ignore")]
 
 BASE = {
     "threads": 1,
-    "envs": 4,
-    "steps": 128,
+    "num_envs": 4,
+    "total_steps": 128,
     "horizon": 16,
     "ppo.hidden": [8],
     "evaluation.episodes": 1,
@@ -35,6 +35,8 @@ def test_jobs_train_the_cells_and_a_failure_arrives(tmp_path: Path) -> None:
 
 def test_cancelled_jobs_end(tmp_path: Path) -> None:
     executor = SlurmExecutor(tmp_path / "jobs", cluster="local", timeout_min=5)
-    future = executor.submit(dappo_batch.sweeping.worker.train_cell, str(tmp_path / "run"), {"steps": 10**9})
+    future = executor.submit(
+        dappo_batch.sweeps.worker.train_cell, str(tmp_path / "run"), {"total_steps": 10**9}
+    )
     executor.shutdown(cancel_futures=True)
     assert future.exception() is not None

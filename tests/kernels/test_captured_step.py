@@ -43,7 +43,7 @@ def captured() -> CapturedStep:
     rng = np.random.default_rng(0)
     actor, critic = (weights((sizes[0], *HIDDEN, outputs), rng) for outputs in (sizes[2], 1))
     policy.assign(actor, critic, np.full(sizes[2], -0.5))
-    policy.normalizer.assign(np.zeros(sizes[0] - sizes[1]), np.ones(sizes[0] - sizes[1]), 9, 4.0)
+    policy.normalizer.assign((np.zeros(sizes[0] - sizes[1]), np.ones(sizes[0] - sizes[1])), 4.0)
     return CapturedStep(worlds, policy, Rollout(HORIZON, COUNT, sizes[0], sizes[2]), KEYS + 5)
 
 

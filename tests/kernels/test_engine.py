@@ -45,7 +45,7 @@ def new_engine(task: Task) -> Engine:
     rng = np.random.default_rng(0)
     actor, critic = (weights((119, *HIDDEN, outputs), rng) for outputs in (8, 1))
     engine.assign(actor, critic, np.full(8, -0.5, dtype=np.float32))
-    engine.assign_normalizer(np.zeros(111), np.ones(111), 9, 4.0)
+    engine.assign_transform((np.zeros(111, np.float32), np.ones(111, np.float32)), 4.0)
     return engine
 
 

@@ -75,11 +75,11 @@ def test_observations_are_normalised_and_clipped_and_the_code_is_multiplied_by_i
         return result
 
     np.testing.assert_array_equal(normalised(), obs)
-    normalizer.assign(mean, variance, count=100, code_scale=4.0)
+    normalizer.assign((mean, 1 / np.sqrt(variance + 1e-8)), code_scale=4.0)
     expected = np.clip((obs[:, :tracked] - mean) / np.sqrt(variance + 1e-8), -10.0, 10.0)
     np.testing.assert_allclose(normalised()[:, :tracked], expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(normalised()[:, tracked:], 4.0 * obs[:, tracked:])
-    normalizer.assign(mean, variance, count=0)
+    normalizer.assign(None)
     np.testing.assert_array_equal(normalised(), obs)
 
 
@@ -90,7 +90,7 @@ def test_actions_log_densities_and_values_equal_numpys() -> None:
     log_std = rng.normal(size=ACTIONS).astype(np.float32)
     policy.assign(actor, critic, log_std)
     mean, variance = rng.normal(size=OBS - CODE), rng.random(OBS - CODE)
-    policy.normalizer.assign(mean, variance, count=7, code_scale=4.0)
+    policy.normalizer.assign((mean, 1 / np.sqrt(variance + 1e-8)), code_scale=4.0)
     for array in (policy.actions, policy.log_probs, policy.means, policy.values):
         array.fill_(np.nan)
     obs = rng.normal(size=(COUNT, OBS)).astype(np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 ORACLE = Path(__file__).parent / "paper_table1.csv"
-SOURCE = Path(__file__).parents[2] / "rust/dappo-learn/src/diagnose/sweep/paper_table1.csv"
+SOURCE = Path(__file__).parents[2] / "rust/dappo-diagnose/src/sweep/paper_table1.csv"
 
 
 def test_the_program_holds_the_papers_numbers() -> None:

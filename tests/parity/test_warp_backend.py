@@ -67,17 +67,20 @@ def test_the_vector_env_is_the_same_on_both_devices(ant_table: ClassTable, autor
         np.testing.assert_array_equal(one, other)
 
 
-SETTINGS = (
-    *("--envs", "12", "--physics", "euler", "--seed", "5", "--set", "horizon=3", "ppo.hidden=[16]"),
-    *("env.max_episode_steps=2", "damage.onset={first=0,last=1}"),
-)
+SETTINGS = {
+    "horizon": 3,
+    "ppo.hidden": [16],
+    "env.max_episode_steps": 2,
+    "damage.onset": {"first": 0, "last": 1},
+}
+OPTIONS: dict[str, Any] = {"num_envs": 12, "physics": "euler", "seed": 5, "set": SETTINGS}
 
 
 @pytest.fixture(scope="module")
 def rollouts() -> tuple[dict[str, Any], dict[str, Any]]:
     """Collect the first rollout of a training on both devices."""
-    host = collect_rollout(["--device", "cpu", "--backend", "mujoco", *SETTINGS])
-    return host, collect_rollout(["--device", "warp-cpu", *SETTINGS])
+    host = collect_rollout(device="cpu", backend="mujoco", **OPTIONS)
+    return host, collect_rollout(device="warp-cpu", **OPTIONS)
 
 
 def test_a_training_begins_with_the_same_episodes_on_every_device(

@@ -15,7 +15,7 @@ import pytest
 import dappo_batch
 from dappo_batch import ClassTable, ConfigError, ShapeError
 from dappo_batch._core import LaneWorlds, run_cli
-from dappo_batch._rotation_correction import rotation_correction
+from dappo_batch.model.rotation_correction import rotation_correction
 
 from .command_line import ITERATION, TINY, metrics
 from .command_line import dappo_batch as command

@@ -67,10 +67,10 @@ def edit_config(*changes: tuple[str, str]) -> Callable[[Path], None]:
 CASES: dict[str, tuple[Callable[[Path], None], str, str]] = {
     "truncated weights": (truncate, "00000004/policy.bpk", "expected"),
     "a bit flipped in the weights": (flip("value.bpk"), "00000004/value.bpk", "CRC-32"),
-    "a bit flipped in the envs": (flip("envs.bin"), "00000004/envs.bin", "CRC-32"),
+    "a bit flipped in the envs": (flip("envs.safetensors"), "00000004/envs.safetensors", "CRC-32"),
     "a bit flipped in the learner": (flip("learner.toml"), "00000004/learner.toml", "CRC-32"),
     "a file missing": (remove("policy_adam.bpk"), "00000004/policy_adam.bpk", "cannot be read"),
-    "no manifest": (remove("manifest.json"), "00000004/manifest.json", "this is no checkpoint"),
+    "no manifest": (remove("manifest.json"), "00000004/manifest.json", "this is not a checkpoint"),
     "a truncated manifest": (cut_manifest, "00000004/manifest.json", "truncated or foreign"),
     "another format": (edit_manifest("format", "other 9"), "00000004/manifest.json", "`other 9`, expected `"),
     "another robot": (

@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from dappo_batch import class_table
 from dappo_batch._core import ConfigError
-from dappo_batch._floor_pairs import make_floor_contacts_explicit
-from dappo_batch.class_table import ClassTable, ClassTableError, compile_class_table
 from dappo_batch.damage import DAMAGE_TYPES, DamageType, make_damage_type
+from dappo_batch.model import ClassTable, ClassTableError, class_table, compile_class_table
+from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
 from dappo_batch.robots import Limb, Robot, load_robot
 
 TRIPOD = Path(__file__).parent / "robots" / "tripod.toml"

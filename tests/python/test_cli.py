@@ -27,7 +27,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "report", "classes", "config", "bench", "doctor"])
+@pytest.mark.parametrize(
+    "command", ["train", "evaluate", "report", "sweep", "classes", "config", "bench", "doctor"]
+)
 def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert run_cli([command, "--help"]) == 0
     out, err = capfd.readouterr()
@@ -67,6 +69,14 @@ BAD_USAGE = [
     (("evaluate", "somewhere", "--compare"), 2, ["--compare", "<OTHER>"]),
     (("evaluate", "--compare", "somewhere"), 2, ["<RUN>"]),
     (("evaluate",), 2, ["<RUN>"]),
+    (("bench", "--rounds", "0"), 2, ["'0'", "--rounds", "at least 1"]),
+    (("bench", "--seconds", "inf"), 2, ["'inf'", "--seconds", "above 0"]),
+    (("bench", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod"]),
+    (("doctor", "--bogus"), 2, ["'--bogus'", "--help"]),
+    (("report",), 2, ["<PATH>"]),
+    (("sweep",), 2, ["--out <DIR>"]),
+    (("sweep", "--out", "sweep", "--jobs", "0"), 2, ["'0'", "--jobs", "at least 1"]),
+    (("sweep", "--out", "sweep", "--grid", "seed"), 2, ["`seed` is no assignment", "seed=0,1,2"]),
     (("train", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod", ".toml"]),
     (("train", "--config", "nowhere.toml"), 1, ["nowhere.toml", "No such file"]),
     (("train", "--set", "ppo.gama=0.9"), 1, ["`gama`", "`gamma`"]),
@@ -207,3 +217,15 @@ def test_an_evaluation_is_a_function_of_its_seed(run: Path) -> None:
     assert all(c["episodes"] == 2 and c["standard_error"] >= 0 for c in classes)
     table = (run / "eval" / "per_class.csv").read_text().splitlines()
     assert len(table) == 1 + len(expected)
+
+
+def test_columns_are_as_wide_as_their_longest_cell_and_numbers_end_together(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    assert run_cli(["classes", "--robot", "hexapod"]) == 0
+    header, *rows = capfd.readouterr().out.splitlines()
+    classes = DamageSpace(6, ["jammed_joint", "missing_toe"], 2).classes
+    name, group = header.index("name"), header.index("group")
+    assert (header[:2], name) == ("id", 4)
+    assert group == name + max(len(c.name) for c in classes) + 2
+    assert [(row[:2], row[name:group].rstrip()) for row in rows] == [(f"{c.id:>2}", c.name) for c in classes]

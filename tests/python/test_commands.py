@@ -7,6 +7,7 @@ import json
 import shutil
 import signal
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import ConfigError, SimulationError
-from dappo_batch.commands import TrainingOptions
+from dappo_batch import Change, ConfigError, SimulationError
+from dappo_batch.commands import EvaluationReport, TrainingOptions
 
 from .. import processes
 from .command_line import ITERATION, TINY, files, metrics
@@ -23,7 +24,7 @@ from .command_line import dappo_batch as command_line
 
 OPTIONS: TrainingOptions = {
     "threads": 1,
-    "envs": 4,
+    "num_envs": 4,
     "set": {
         "horizon": 16,
         "env": {"max_episode_steps": 20},
@@ -46,7 +47,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_training_equals_that_of_the_command_line_and_tells_its_metrics(tmp_path: Path, run: Path) -> None:
     told: list[dict[str, Any]] = []
-    trained = dappo_batch.train(tmp_path / "run", steps=3 * ITERATION, callback=told.append, **OPTIONS)
+    trained = dappo_batch.train(tmp_path / "run", total_steps=3 * ITERATION, callback=told.append, **OPTIONS)
     assert metrics(tmp_path / "run") == metrics(run)
     assert [line["env_steps"] for line in told] == [ITERATION, 2 * ITERATION, 3 * ITERATION]
     assert trained.metrics["kl"].tolist() == [line["kl"] for line in told]
@@ -57,9 +58,9 @@ def test_a_training_equals_that_of_the_command_line_and_tells_its_metrics(tmp_pa
 
 def test_a_callback_stops_a_training_that_goes_on_as_if_it_had_not_stopped(tmp_path: Path, run: Path) -> None:
     stopped = dappo_batch.train(
-        tmp_path / "run", steps=3 * ITERATION, callback=lambda line: line["iteration"] < 1, **OPTIONS
+        tmp_path / "run", total_steps=3 * ITERATION, callback=lambda line: line["iteration"] < 2, **OPTIONS
     )
-    assert len(stopped.metrics["iteration"]) < 3
+    assert stopped.metrics["iteration"].tolist() == [1, 2]
     assert not stopped.per_class
     resumed = dappo_batch.resume(tmp_path / "run")
     assert metrics(tmp_path / "run") == metrics(run)
@@ -70,18 +71,31 @@ def test_settings_change_when_a_run_goes_on_and_the_folder_notes_them(tmp_path: 
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     resumed = dappo_batch.resume(
-        copy, steps=4 * ITERATION, set={"ppo": {"learning_rate": 1e-5}, "checkpoint.every": 1}
+        copy, total_steps=4 * ITERATION, set={"ppo": {"learning_rate": 1e-5}, "checkpoint.every": 1}
     )
     # The adaptive factor lies between 0.1 and 10.
     assert resumed.metrics["learning_rate"][2] > 1e-4 > resumed.metrics["learning_rate"][3]
     assert (resumed.config["ppo"]["learning_rate"], resumed.config["total_steps"]) == (1e-5, 4 * ITERATION)
     where = {"iteration": 3, "env_steps": 3 * ITERATION}
     rate = dappo_batch.load_run(run).config["ppo"]["learning_rate"]
-    assert resumed.meta["changes"] == [
-        {**where, "key": "checkpoint.every", "from": 3, "to": 1},
-        {**where, "key": "ppo.learning_rate", "from": rate, "to": 1e-5},
-        {**where, "key": "total_steps", "from": 3 * ITERATION, "to": 4 * ITERATION},
-    ]
+    assert resumed.meta.changes == (
+        Change("checkpoint.every", 3, 1, **where),
+        Change("ppo.learning_rate", rate, 1e-5, **where),
+        Change("total_steps", 3 * ITERATION, 4 * ITERATION, **where),
+    )
+
+
+def test_an_explicit_setting_wins_over_the_flag_of_the_same_name_in_new_and_resumed_runs(
+    tmp_path: Path, run: Path
+) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    flags = ("--steps", str(5 * ITERATION), "--threads", "2", "--json")
+    settings = ("--set", f"total_steps={4 * ITERATION}", "env.threads=1")
+    command_line("train", "--resume", copy, *flags, *settings)
+    out, _ = command_line("config", *flags[:-1], *settings)
+    for config in (dappo_batch.load_run(copy).config, tomllib.loads(out)):
+        assert (config["total_steps"], config["env"]["threads"]) == (4 * ITERATION, 1)
 
 
 @pytest.mark.parametrize(
@@ -111,15 +125,13 @@ def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path
     with pytest.raises(
         SimulationError, match=r"the training has diverged: in iteration \d the policy loss"
     ) as raised:
-        dappo_batch.train(tmp_path / "run", steps=3 * ITERATION, **options)
+        dappo_batch.train(tmp_path / "run", total_steps=3 * ITERATION, **options)
     assert f"train --resume {tmp_path / 'run'} --set ppo.learning_rate=" in str(raised.value)
     with pytest.raises(SimulationError, match=r"in iteration \d the"):
         dappo_batch.resume(tmp_path / "run")
     resumed = dappo_batch.resume(tmp_path / "run", set={"ppo.learning_rate": 1e-12})
     assert np.isfinite(resumed.metrics["policy_loss"]).tolist() == [True] * 3
-    assert resumed.meta["changes"] == [
-        {"iteration": 0, "env_steps": 0, "key": "ppo.learning_rate", "from": 1.0, "to": 1e-12}
-    ]
+    assert resumed.meta.changes == (Change("ppo.learning_rate", 1.0, 1e-12, iteration=0, env_steps=0),)
 
 
 def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) -> None:
@@ -127,16 +139,17 @@ def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) ->
         raise LookupError("of the callback")
 
     with pytest.raises(LookupError, match="of the callback"):
-        dappo_batch.train(tmp_path / "run", steps=40 * ITERATION, callback=fail, **OPTIONS)
+        dappo_batch.train(tmp_path / "run", total_steps=40 * ITERATION, callback=fail, **OPTIONS)
     assert 0 < len(dappo_batch.load_run(tmp_path / "run").metrics["iteration"]) < 40
 
 
 def test_ctrl_c_stops_in_good_order_and_later_strikes_python_again(tmp_path: Path) -> None:
     program = """
 import sys, dappo_batch
-options = {"threads": 1, "envs": 4, "set": {"horizon": 16, "ppo.hidden": [8]}}
+options = {"threads": 1, "num_envs": 4, "set": {"horizon": 16, "ppo.hidden": [8]}}
 try:
-    dappo_batch.train(sys.argv[1], steps=10**9, callback=lambda line: print("line", flush=True), **options)
+    say = lambda line: print("line", flush=True)
+    dappo_batch.train(sys.argv[1], total_steps=10**9, callback=say, **options)
 except KeyboardInterrupt:
     try:
         print("interrupted", flush=True)
@@ -162,14 +175,32 @@ except KeyboardInterrupt:
 
 def test_an_evaluation_returns_what_the_command_line_prints(run: Path) -> None:
     out, _ = command_line("evaluate", run, "--episodes", "1", "--json", "--threads", "1")
-    assert dappo_batch.evaluate(run, episodes=1, threads=1) == json.loads(out)
+    report = dappo_batch.evaluate(run, episodes=1, threads=1)
+    assert report.to_dict() == json.loads(out)
+    assert EvaluationReport.from_dict(report.to_dict()) == report
+    assert isinstance(hash(report), int), "a result is frozen"
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"envz": 4}, "unexpected argument '--envz'"),
-        ({"envs": 0}, "expected a whole number of at least 1"),
+        ({"envz": 4}, "there is no argument `envz`; expected one of .*num_envs"),
+        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"num_envs": "4"}, "num_envs must be an integer, got '4'"),
+        ({"num_envs": 4.0}, "num_envs must be an integer, got 4.0"),
+        ({"seed": -1}, "seed must be at least 0, got -1"),
+        ({"threads": 10**9}, "threads must be at most [0-9]+, got 1000000000"),
+        ({"device": "tpu"}, "device must be one of 'auto', 'cpu', 'cuda', 'warp-cpu', got 'tpu'"),
+        ({"unaware": 1}, "unaware must be True or False, got 1"),
+        ({"reward": 3}, "reward must be a text, got 3"),
+        ({"config": "\0"}, "config must be a path"),
+        ({"set": ["seed=1"]}, "set must be a mapping"),
+        ({"set": {"seed": object()}}, "seed must be a value that TOML has"),
+        ({"set": {"seed": 2**63}}, "seed must be between"),
+        (
+            {"resume": "run"},
+            "cannot be used together with (resume|run)",
+        ),
         ({"set": {"ppo.gama": 0.9}}, "unknown field `gama`"),
         ({"robot": "spider"}, "spider"),
     ],
@@ -182,6 +213,31 @@ def test_bad_options_raise_and_leave_nothing_behind(
     assert not (tmp_path / "run").exists()
 
 
+def test_settings_have_the_values_of_python(tmp_path: Path) -> None:
+    settings = {
+        "ppo": {"hidden": np.array([8, 4]), "gamma": np.float32(0.5)},
+        "curriculum": [{"name": 'é"\n', "mix": "healthy"}],
+        "env.max_episode_steps": np.int64(20),
+        "evaluation.episodes": 1,
+        "horizon": 16,
+    }
+    run = dappo_batch.train(
+        tmp_path / "run", num_envs=np.int32(4), threads=1, total_steps=ITERATION, set=settings
+    )
+    assert (run.config["ppo"]["hidden"], run.config["ppo"]["gamma"]) == ([8, 4], 0.5)
+    assert run.config["curriculum"][0]["name"] == 'é"\n'
+    assert run.meta.command[0].startswith("dappo_batch.train(run=PosixPath(")
+
+
+def test_a_mean_reward_of_a_diagnosis_needs_a_policy(run: Path) -> None:
+    with pytest.raises(ConfigError, match="give its run folder as policy"):
+        dappo_batch.evaluate_diagnoser(run, data=[run], episodes=3)
+    with pytest.raises(ConfigError, match="models must have at least one entry"):
+        dappo_batch.evaluate_diagnoser(data=[run])
+    with pytest.raises(ConfigError, match="log cannot be used together with all_classes"):
+        dappo_batch.adapt(run, run, log="log.csv")
+
+
 def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
     files = dappo_batch.collect_pairs(run, tmp_path / "pairs", rollouts=6, timesteps=4, threads=1)
     records = np.load(files[0], mmap_mode="r")
@@ -191,10 +247,34 @@ def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
     epochs = dappo_batch.train_diagnoser(
         tmp_path / "pairs", out, method="A", set={"epochs": 2}, threads=1, callback=told.append
     )
-    assert epochs == told
+    assert [epoch.to_dict() for epoch in epochs] == told
     lines = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
-    assert [line["train_loss"] for line in lines] == [epoch["train_loss"] for epoch in epochs]
+    assert [line["train_loss"] for line in lines] == [epoch.train_loss for epoch in epochs]
     dappo_batch.collect_pairs(run, tmp_path / "test", rollouts=2, timesteps=4, seed=7, threads=1)
     (tested,) = dappo_batch.evaluate_diagnoser(out, data=[tmp_path / "test"], threads=1)
-    assert tested["summary"]["windows"] == 2 * 9
-    assert len(tested["class_accuracy"]) == len(tested["classes"]) == 9
+    assert tested.summary.windows == 2 * 9
+    assert len(tested.class_accuracy) == len(tested.classes) == 9
+    out, _ = command_line("diagnose", "test", tmp_path / "diagnoser", "--data", tmp_path / "test", "--json")
+    assert [tested.to_dict()] == json.loads(out)
+
+
+@pytest.mark.parametrize(("old", "new"), [("envs", "num_envs"), ("steps", "total_steps")])
+def test_old_names_of_options_still_work_and_say_the_new_ones(old: str, new: str, tmp_path: Path) -> None:
+    with (
+        pytest.warns(FutureWarning, match=f"the option {old} is called {new} now") as warned,
+        pytest.raises(ConfigError, match=f"{new} must be at least 1"),
+    ):
+        dappo_batch.train(tmp_path / "run", **{old: 0})  # type: ignore[arg-type]
+    assert [warning.filename for warning in warned] == [__file__]
+    with pytest.raises(ConfigError, match=f"{new} is given twice, also by its old name {old}"):
+        dappo_batch.train(tmp_path / "run", **{old: 1, new: 1})  # type: ignore[arg-type]
+
+
+def test_the_old_name_of_a_budget_still_works_when_a_run_goes_on(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(run, copy)
+    with pytest.warns(FutureWarning, match="the option steps is called total_steps now"):
+        resumed = dappo_batch.resume(copy, steps=4 * ITERATION)
+    assert resumed.config["total_steps"] == 4 * ITERATION
+    with pytest.raises(ConfigError, match="total_steps is given twice"):
+        dappo_batch.resume(copy, steps=4 * ITERATION, total_steps=5 * ITERATION)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+import dappo_batch
 from dappo_batch._core import ConfigError
 from dappo_batch.damage import (
     DAMAGE_TYPES,
@@ -17,6 +20,7 @@ from dappo_batch.damage import (
     MissingToe,
     WeakMotor,
     make_damage_type,
+    register_damage_type,
 )
 from dappo_batch.robots import Limb, Robot, load_robot
 
@@ -489,3 +493,86 @@ def test_a_dead_motor_gives_nothing_whatever_its_limits() -> None:
 def test_a_motor_that_cannot_weaken_alone_is_refused(extra: str, joint: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         WeakMotor().apply(limb(extra=extra, joint=joint), ONE, 1.0)
+
+
+class Blocked(DamageType):
+    """A type of tests; what makes it one that can be used is left to each."""
+
+    def apply(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> None:
+        """Change the friction of a joint."""
+        spec.joint(limb.joints[0]).frictionloss = severity
+
+
+@pytest.fixture
+def damage_types(monkeypatch: pytest.MonkeyPatch) -> dict[str, type[DamageType]]:
+    """Return the known types, which a test may add to."""
+    known = dict(DAMAGE_TYPES)
+    monkeypatch.setattr(dappo_batch.damage, "DAMAGE_TYPES", known)
+    return known
+
+
+def rusty(name: object) -> type[DamageType]:
+    @dataclass(frozen=True)
+    class Rusty(Blocked):
+        level: float = 1.0
+
+    Rusty.name = name  # type: ignore[assignment]
+    return Rusty
+
+
+def test_a_registered_type_is_known_wherever_types_are_named(
+    damage_types: dict[str, type[DamageType]],
+) -> None:
+    kind = rusty("rusty")
+    assert register_damage_type(kind) is kind
+    table = dappo_batch.compile_class_table("ant", types=["rusty"], max_damaged_limbs=1)
+    assert [entry.name for entry in table.space.classes][1] == "rusty@0"
+    joint = table.models[1].joint(table.robot.limbs[0].joints[0])
+    assert table.models[1].dof_frictionloss[joint.dofadr[0]] == 1.0
+    # A cell of a notebook that runs again makes the class anew.
+    again = rusty("rusty")
+    register_damage_type(again)
+    assert damage_types["rusty"] is again
+
+
+def not_a_dataclass() -> object:
+    return type("Plain", (Blocked,), {"name": "plain"})
+
+
+def not_frozen() -> object:
+    return dataclass(type("Soft", (Blocked,), {"name": "soft"}))
+
+
+def abstract() -> object:
+    return dataclass(frozen=True)(type("Idle", (DamageType,), {"name": "idle"}))
+
+
+def nameless() -> object:
+    return dataclass(frozen=True)(type("Nameless", (Blocked,), {}))
+
+
+@pytest.mark.usefixtures("damage_types")
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: 5, "a class derived from DamageType, got 5"),
+        (lambda: dict, "a class derived from DamageType"),
+        (lambda: JammedJoint(), "a class derived from DamageType"),
+        (not_a_dataclass, "Plain must be a dataclass"),
+        (not_frozen, "Soft must be a dataclass: write @dataclass\\(frozen=True\\)"),
+        (abstract, "Idle must define apply"),
+        (nameless, "Nameless must have a name of lower-case letters.*got None"),
+        (lambda: rusty("Rusty Joint"), "got 'Rusty Joint'"),
+        (lambda: rusty("a@b"), "got 'a@b'"),
+        (lambda: rusty("types"), "other than max_damaged_limbs, severity, types, got 'types'"),
+        (
+            lambda: rusty("jammed_joint"),
+            "'jammed_joint' belongs to dappo_batch.damage.jammed_joint.JammedJoint",
+        ),
+    ],
+)
+def test_what_cannot_be_a_damage_type_is_refused(make: Callable[[], type[DamageType]], message: str) -> None:
+    before = dict(dappo_batch.damage.DAMAGE_TYPES)
+    with pytest.raises(ConfigError, match=message):
+        register_damage_type(make())
+    assert before == dappo_batch.damage.DAMAGE_TYPES

@@ -128,10 +128,10 @@ class PhysicsOverflowError(RuntimeError):
             RuntimeError("Failed to allocate 99 bytes on device 'cuda:0'"),
             "the device has too little memory: Failed to allocate 99 bytes on device 'cuda:0'; use fewer",
         ),
-        (PhysicsOverflowError(njmax=40), "no room; give more, for example --set env.njmax=80"),
+        (PhysicsOverflowError(njmax=40), "no room; give more, for example --njmax 80, or njmax=80 in Python"),
         (
             PhysicsOverflowError(njmax=40, nconmax=9),
-            "no room; give more, for example --set env.njmax=80 env.nconmax=18",
+            "no room; give more, for example --njmax 80 --nconmax 18, or njmax=80, nconmax=18 in Python",
         ),
         (PhysicsOverflowError(), "no room; --device cpu simulates every robot"),
         (FloatingPointError("9 numbers"), "the training has diverged: 9 numbers; try a smaller"),

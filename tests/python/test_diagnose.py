@@ -198,7 +198,12 @@ def test_a_sweep_fills_its_table_cell_by_cell_and_is_continued(folder: Path, tmp
     settings = ("--samples", "300", *SMALL)
     dappo_batch(*sweep(folder, out, "--seeds", "1", *settings, "--jobs", "1"))
     before = files(out / "cells")
+    # What a kill leaves that comes between the result of a cell and the end of its checkpoints.
+    for name in ("T4-A-6-seed0/checkpoints", "T4-B-6-seed0/.checkpoints.0123456789abcdef.tmp"):
+        (out / "cells" / name / "00000001").mkdir(parents=True)
+        (out / "cells" / name / "00000001" / "net.bpk").write_text("left over")
     text, err = dappo_batch(*sweep(folder, out, "--seeds", "3", *settings))
+    assert not list((out / "cells").glob("*/*checkpoints*"))
     assert {name: data for name, data in files(out / "cells").items() if name in before} == before
     assert err.count(" %)") == 2 * 2 * 2 * 3, "every cell is reported"
     results = [json.loads(path.read_text()) for path in sorted((out / "cells").glob("*/result.json"))]

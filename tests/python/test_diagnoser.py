@@ -21,7 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train an expert and a diagnoser; collect records, one step longer, that it has not seen."""
     folder = tmp_path_factory.mktemp("diagnoser")
     settings = {"horizon": 16, "ppo.hidden": [8], "evaluation.episodes": 1, "damage.max_damaged_limbs": 1}
-    dappo_batch.train(folder / "expert", envs=4, steps=64, threads=1, set=settings)
+    dappo_batch.train(folder / "expert", num_envs=4, total_steps=64, threads=1, set=settings)
     for name, rollouts, steps, seed in (("pairs", 40, STEPS, 0), ("unseen", 6, STEPS + 1, 1)):
         dappo_batch.collect_pairs(
             folder / "expert",

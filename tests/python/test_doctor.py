@@ -11,13 +11,14 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from dappo_batch import doctor, mujoco_library
+from dappo_batch import doctor
+from dappo_batch.model import mujoco_library
 
 
 def findings(capsys: pytest.CaptureFixture[str]) -> tuple[int, dict]:
     """Run the command and return its exit code and what it printed as JSON."""
     capsys.readouterr()
-    code = doctor.main(["--json"])
+    code = doctor.command(json=True)
     return code, json.loads(capsys.readouterr().out)
 
 
@@ -72,7 +73,7 @@ def test_a_missing_extra_comes_with_its_command_and_is_no_failure(
     assert found["extras"]["no-such-package"]["status"] == "missing"
     assert found["extras"]["no-such-package"]["cure"] == "pip install no-such-package"
     assert found["extras"]["numpy"]["status"] == "ok"
-    doctor.main([])
+    doctor.command(json=False)
     assert "pip install no-such-package" in capsys.readouterr().out
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import json
 import resource
 import subprocess
 import sys
@@ -24,7 +26,6 @@ from dappo_batch import (
     report,
 )
 from dappo_batch._core import run_cli
-from dappo_batch.commands.invoke import assignments
 from dappo_batch.commands.output import written
 
 from .command_line import PROGRAM
@@ -89,7 +90,7 @@ def table() -> dappo_batch.ClassTable:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train a policy for one iteration."""
     folder = tmp_path_factory.mktemp("errors") / "run"
-    dappo_batch.train(folder, envs=2, steps=64, threads=1, set=SMALL)
+    dappo_batch.train(folder, num_envs=2, total_steps=64, threads=1, set=SMALL)
     return folder
 
 
@@ -180,12 +181,12 @@ def test_a_policy_refuses_what_is_no_observation_and_no_class(run: Path) -> None
 @pytest.mark.parametrize(
     "name",
     [
-        *("robot", "config", "envs", "steps", "seed", "learner", "unaware", "healthy", "reward", "physics"),
-        *("set", "device", "backend", "precision", "threads", "callback", "bogus"),
+        *("robot", "config", "num_envs", "total_steps", "seed", "learner", "unaware", "healthy", "reward"),
+        *("physics", "set", "device", "backend", "precision", "threads", "callback", "bogus"),
     ],
 )
 def test_every_option_of_a_training_refuses_what_it_is_not(tmp_path: Path, name: str) -> None:
-    given: dict[str, Any] = {"envs": 2, "steps": 64, "threads": 1, "set": SMALL}
+    given: dict[str, Any] = {"num_envs": 2, "total_steps": 64, "threads": 1, "set": SMALL}
     _refuses_all(lambda junk: dappo_batch.train(tmp_path / "run", **(given | {name: junk})))
     assert not (tmp_path / "run").exists()
 
@@ -193,37 +194,17 @@ def test_every_option_of_a_training_refuses_what_it_is_not(tmp_path: Path, name:
 @pytest.mark.parametrize("name", ["ppo.gamma", "ppo.hidden", "curriculum", "damage.types", "env.reward"])
 def test_settings_refuse_what_toml_has_not(tmp_path: Path, name: str) -> None:
     def train(junk: object) -> None:
-        dappo_batch.train(tmp_path / "run", envs=2, steps=64, threads=1, set={**SMALL, name: junk})
+        dappo_batch.train(tmp_path / "run", num_envs=2, total_steps=64, threads=1, set={**SMALL, name: junk})
 
     _refuses_all(train, {}, 2**63)
     assert not (tmp_path / "run").exists()
-
-
-def test_settings_are_written_as_toml_has_them() -> None:
-    settings = {
-        "a": {"b": True, "c": float("nan")},
-        "d": 'q"\x7f\n',
-        "e": [{"f": 1.5, "g h": ["x"]}],
-        "i": np.float64(2),
-        "j": np.arange(2),
-        "k": Path("p"),
-    }
-    assert assignments(settings) == [
-        "a.b=true",
-        "a.c=nan",
-        'd="q\\"\\u007f\\n"',
-        'e=[{"f" = 1.5, "g h" = ["x"]}]',
-        "i=2.0",
-        "j=[0, 1]",
-        'k="p"',
-    ]
 
 
 @pytest.mark.parametrize(
     ("call", "names"),
     [
         (dappo_batch.evaluate, ("compare", "encoding", "episodes", "seed", "threads")),
-        (dappo_batch.resume, ("steps", "threads", "learner", "callback")),
+        (dappo_batch.resume, ("total_steps", "threads", "learner", "callback")),
     ],
 )
 def test_options_of_commands_refuse_what_they_are_not(
@@ -274,6 +255,13 @@ def test_junk_is_no_run_no_diagnoser_and_no_report(tmp_path: Path) -> None:
     _refuses_all(lambda junk: dappo_batch.Controller.from_export(junk), None, takes=bytes)
 
 
+def toml(value: Any) -> str:  # noqa: ANN401
+    """Return a value as TOML has it; tables are those in braces."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {toml(entry)}' for key, entry in value.items())}}}"
+    return f"[{', '.join(map(toml, value))}]" if isinstance(value, list) else json.dumps(value)
+
+
 @pytest.mark.parametrize(
     ("setting", "part"),
     [
@@ -293,11 +281,11 @@ def test_config_refuses_what_train_refuses_before_there_is_a_run(
 ) -> None:
     settings = {**SMALL, **setting}
     with pytest.raises(ConfigError) as caught:
-        dappo_batch.train(tmp_path / "run", envs=2, steps=64, threads=1, set=settings)
+        dappo_batch.train(tmp_path / "run", num_envs=2, total_steps=64, threads=1, set=settings)
     assert part in str(caught.value)
     assert not (tmp_path / "run").exists()
     capfd.readouterr()
-    code = run_cli(["config", "--envs", "2", "--set", *assignments(settings)])
+    code = run_cli(["config", "--envs", "2", "--set", *(f"{key}={toml(settings[key])}" for key in settings)])
     out, error = capfd.readouterr()
     assert (code, out, part in error) == (1, "", True), error
 
@@ -332,21 +320,39 @@ def test_output_that_cannot_be_written_is_a_failure(command: tuple[str, ...]) ->
     assert done.stderr.startswith("error: cannot write to standard output: No space left on device")
 
 
+def test_more_threads_than_any_machine_has_are_an_error_of_the_configuration(tmp_path: Path) -> None:
+    for call in (dappo_batch.Policy.load, dappo_batch.Policy.from_export):
+        with pytest.raises(ConfigError, match="`threads` is 4097, expected a whole number from 1 to 4096"):
+            call(tmp_path, threads=4097)
+
+
+def test_errors_of_files_name_them(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    for name, kind, number in (("missing", FileNotFoundError, errno.ENOENT), ("link", OSError, errno.EINVAL)):
+        with pytest.raises(kind) as raised:
+            dappo_batch._core.read_file(tmp_path / name)
+        assert (raised.value.filename, raised.value.errno) == (str(tmp_path / name), number)
+    (tmp_path / "file").touch()
+    with pytest.raises(FileExistsError) as exists:
+        dappo_batch._core.write_file(tmp_path / "file" / "inner", b"")
+    assert exists.value.filename == str(tmp_path / "file")
+
+
 def test_output_of_python_commands_that_cannot_be_written_is_a_failure(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def say(argv: object) -> int:
-        print(argv)
+    def say(text: str) -> int:
+        print(text)
         return 3
 
     with Path("/dev/full").open("w") as full:
         monkeypatch.setattr(sys, "stdout", full)
         with pytest.raises(DappoError, match="cannot write to standard output: No space left on device"):
-            written(say, [])
+            written(say, text="a")
     with (tmp_path / "out").open("w") as out:
         monkeypatch.setattr(sys, "stdout", out)
-        assert written(say, ["a"]) == 3
-    assert (tmp_path / "out").read_text() == "['a']\n"
+        assert written(say, text="a") == 3
+    assert (tmp_path / "out").read_text() == "a\n"
 
 
 def test_a_closed_pipe_ends_a_command_quietly() -> None:

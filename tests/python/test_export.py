@@ -258,7 +258,7 @@ def test_a_controller_from_the_folder_acts_to_the_bit_as_the_one_it_was_made_of(
     for one, other in walk([original, exported], "missing_toe@1", 160):
         np.testing.assert_array_equal(one, other)
     assert exported.events == original.events
-    assert {"suspected", "diagnosed"} <= {event["event"] for event in exported.events}
+    assert {"suspected", "diagnosed"} <= {event.kind for event in exported.events}
     assert exported.class_names == original.class_names
 
 
@@ -283,12 +283,13 @@ def test_the_example_decides_as_the_controller_until_the_damage_is_named(exports
 
     taken = walk([controller, Adapter()], "missing_toe@1", 160)
     suspected, diagnosed = controller.events[:2]
-    assert (suspected["event"], diagnosed["event"]) == ("suspected", "diagnosed")
-    for step, (one, other) in enumerate(taken[: diagnosed["step"] + 1]):
+    assert (suspected.kind, diagnosed.kind) == ("suspected", "diagnosed")
+    for step, (one, other) in enumerate(taken[: diagnosed.step + 1]):
         np.testing.assert_allclose(other, np.clip(one, -1, 1), rtol=0, atol=1e-4, err_msg=str(step))
-    assert [step for step, _ in adapter.events[:2]] == [suspected["step"], diagnosed["step"]]
-    named = controller.class_names[diagnosed["class"]]
-    assert adapter.events[1][1] == f"diagnosis: {named}, {diagnosed['confidence']:.1%} certain"
+    assert [step for step, _ in adapter.events[:2]] == [suspected.step, diagnosed.step]
+    assert diagnosed.damage_class is not None
+    named = controller.class_names[diagnosed.damage_class]
+    assert adapter.events[1][1] == f"diagnosis: {named}, {diagnosed.confidence:.1%} certain"
     assert adapter.told == controller.damage_classes[0]
 
 
@@ -412,6 +413,30 @@ def test_a_policy_alone_is_exported_and_acts_to_the_bit_as_in_its_run(
             Controller.from_export(out)
 
 
+def test_tables_of_evaluations_that_are_broken_are_named_and_those_of_other_classes_do_not_matter_to_a_policy(
+    parts: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(parts / "aware", tmp_path / "run")
+    table = tmp_path / "run" / "eval" / "per_class.csv"
+    policy, controller = (
+        ("export", tmp_path / "run", "--out", tmp_path / "out"),
+        ("export", tmp_path / "run", "--out", tmp_path / "out", "--diagnoser", parts / "diagnoser"),
+    )
+    text = table.read_text()
+    table.write_text(text.replace("missing_toe@1", "missing_wheel@1"))
+    _, err = run(*controller, code=1)
+    assert f"{table} has 9 damage classes, expected the 9 of the robot in their order" in err
+    run(*policy)
+    assert {entry["baseline"] for entry in header_of(tmp_path / "out")["classes"]} == {None}
+    table.write_text(text.replace("forward_reward", "reward"))
+    _, err = run(*policy, code=1)
+    assert f"{table} has no column `forward_reward`; evaluate the run again" in err
+    table.unlink()
+    table.mkdir()
+    _, err = run(*policy, code=1)
+    assert f"{table}: it is a folder, expected a regular file" in err
+
+
 def test_the_policy_of_an_export_with_a_diagnoser_can_be_taken_alone(exports: Path, parts: Path) -> None:
     obs = np.random.default_rng(1).normal(size=OBS)
     expected = Policy.load(parts / "aware").act(obs, damage_class="missing_toe@1")
@@ -425,13 +450,33 @@ def test_what_belongs_to_a_diagnoser_is_refused_without_one(parts: Path, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_the_function_writes_what_the_command_writes_and_prints_nothing(
+    parts: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    diagnoser = parts / "diagnoser"
+    more = ["--diagnoser", str(diagnoser), "--controller", "cooldown=20", "--json"]
+    assert run_cli(["export", str(parts / "aware"), "--out", str(tmp_path / "command"), *more]) == 0
+    assert json.loads(capfd.readouterr().out) == header_of(tmp_path / "command")
+    run = parts / "aware"
+    out = dappo_batch.export(run, tmp_path / "function", diagnoser=diagnoser, controller={"cooldown": 20})
+    assert capfd.readouterr() == ("", "")
+    assert out == tmp_path / "function"
+    assert files_of(out) == files_of(tmp_path / "command")
+    with pytest.raises(dappo_batch.ConfigError, match="trigger cannot be used without diagnoser"):
+        dappo_batch.export(parts / "aware", tmp_path / "other", trigger="speed")
+
+
 def test_a_robot_of_several_files_is_exported_whole(tmp_path: Path) -> None:
     robot = write_mesh_robot(tmp_path / "robot")
     table = dappo_batch.compile_class_table(robot, max_damaged_limbs=1)
     settings = {"horizon": 4, "ppo.hidden": [4], "evaluation.episodes": 1, "damage.max_damaged_limbs": 1}
     settings["env.max_episode_steps"] = 3
     dappo_batch.train(
-        tmp_path / "run", robot=str(robot), envs=2, steps=8, threads=1, unaware=True, set=settings
+        tmp_path / "run", robot=str(robot), num_envs=2, total_steps=8, threads=1, unaware=True, set=settings
     )
     assert run_cli(["export", str(tmp_path / "run"), "--out", str(tmp_path / "out")]) == 0
     shutil.rmtree(tmp_path / "run")

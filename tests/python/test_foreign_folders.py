@@ -16,9 +16,10 @@ import pytest
 import dappo_batch
 from dappo_batch import CheckpointError, ConfigError, Controller, DappoError, Policy, load_run
 from dappo_batch.report.sources import read
-from dappo_batch.sweeping import sweep
+from dappo_batch.sweeps import sweep
 
 from .command_line import ITERATION, files
+from .command_line import dappo_batch as command_line
 from .run_folders import write_diagnoser, write_run, write_sweep
 
 PRECIOUS = "precious data\n"
@@ -31,7 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("made")
     settings = {"horizon": 16, "env.max_episode_steps": 20, "ppo.hidden": [8], "evaluation.episodes": 1}
     settings |= {"damage.max_damaged_limbs": 1, "checkpoint.every": 1, "checkpoint.keep": 2}
-    dappo_batch.train(root / "run", envs=4, threads=1, steps=2 * ITERATION, set=settings)
+    dappo_batch.train(root / "run", num_envs=4, threads=1, total_steps=2 * ITERATION, set=settings)
     windows = {"preset": "residual", "rollouts": 4, "timesteps": 3, "threads": 1}
     dappo_batch.collect_pairs(root / "run", root / "pairs", **windows)
     network = {"epochs": 1, "embedding": 8, "lstm": 4, "hidden": [8]}
@@ -39,9 +40,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # A resumed training has something left to do.
     config = root / "diagnoser" / "config.toml"
     config.write_text(config.read_text().replace("epochs = 1\n", "epochs = 2\n"))
-    dappo_batch._core.run_command(
-        ["export", str(root / "run"), "--diagnoser", str(root / "diagnoser"), "--out", str(root / "export")]
-    )
+    command_line("export", root / "run", "--diagnoser", root / "diagnoser", "--out", root / "export")
     return root
 
 
@@ -59,7 +58,7 @@ def victim(folders: Path) -> Path:
 
 
 def resume(folders: Path) -> None:
-    dappo_batch.resume(folders / "run", steps=3 * ITERATION, threads=1)
+    dappo_batch.resume(folders / "run", total_steps=3 * ITERATION, threads=1)
 
 
 def evaluate(folders: Path) -> None:
@@ -70,14 +69,17 @@ def controller(folders: Path) -> None:
     Controller.from_export(folders / "export")
 
 
+def export(folders: Path) -> None:
+    dappo_batch.export(folders / "run", folders / "policy")
+
+
 def diagnose(folders: Path) -> None:
     dappo_batch.evaluate_diagnoser(folders / "diagnoser", data=[folders / "pairs"], threads=1)
 
 
 def train_diagnoser(folders: Path) -> None:
-    dappo_batch._core.run_command(
-        ["diagnose", "train", str(folders / "pairs"), "--resume", str(folders / "diagnoser"), "--json"]
-    )
+    arguments = {"data": folders / "pairs", "resume": folders / "diagnoser"}
+    dappo_batch._core.run_command("train_diagnoser", arguments, "")
 
 
 def collect(folders: Path) -> None:
@@ -151,6 +153,25 @@ def test_a_link_in_the_place_of_a_folder_is_never_written_to(
     assert files(elsewhere) == before
 
 
+READ_FOLDERS: list[tuple[str, Callable[[Path], None]]] = [
+    ("run/eval", export),
+    ("run/checkpoints", export),
+    ("run/robot", export),
+    ("diagnoser/model", diagnose),
+]
+
+
+@pytest.mark.parametrize(("name", "command"), READ_FOLDERS, ids=[name for name, _ in READ_FOLDERS])
+def test_a_link_in_the_place_of_a_folder_is_never_read_from(
+    name: str, command: Callable[[Path], None], folders: Path
+) -> None:
+    elsewhere = folders.parent / "elsewhere"
+    shutil.move(folders / name, elsewhere)
+    (folders / name).symlink_to(elsewhere)
+    with pytest.raises(CheckpointError, match=r"symbolic link, expected a folder"):
+        command(folders)
+
+
 def test_a_link_in_a_new_run_folder_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "victim").write_text(PRECIOUS)
     run = tmp_path / "run"
@@ -158,7 +179,9 @@ def test_a_link_in_a_new_run_folder_is_not_followed(tmp_path: Path) -> None:
     for name in ("config.toml", "meta.json", "metrics.jsonl", "metrics.csv"):
         (run / name).symlink_to(tmp_path / ("victim" if name != "config.toml" else "nowhere"))
     with pytest.raises(CheckpointError, match=r"metrics.jsonl.* it is a symbolic link"):
-        dappo_batch.train(run, envs=4, threads=1, steps=ITERATION, set={"horizon": 16, "ppo.hidden": [8]})
+        dappo_batch.train(
+            run, num_envs=4, threads=1, total_steps=ITERATION, set={"horizon": 16, "ppo.hidden": [8]}
+        )
     assert (tmp_path / "victim").read_text() == PRECIOUS
     assert not (tmp_path / "nowhere").exists()
 
@@ -245,7 +268,7 @@ def relist(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["/dev/zero", "../../../../../../../../etc/passwd", "../00000001/envs.bin", ".."]
+    "name", ["/dev/zero", "../../../../../../../../etc/passwd", "../00000001/envs.safetensors", ".."]
 )
 def test_lists_name_files_of_their_own_folder(name: str, folders: Path) -> None:
     path = folders / "run" / NEWEST / "manifest.json"
@@ -266,29 +289,24 @@ def test_lists_name_files_of_their_own_folder(name: str, folders: Path) -> None:
 def test_a_file_that_is_not_listed_is_refused(folders: Path) -> None:
     path = folders / "run" / NEWEST / "manifest.json"
     manifest = json.loads(path.read_text())
-    manifest["files"] = [file for file in manifest["files"] if file["name"] != "envs.bin"]
+    manifest["files"] = [file for file in manifest["files"] if file["name"] != "envs.safetensors"]
     path.write_text(json.dumps(manifest))
     before = files(folders)
-    with pytest.raises(CheckpointError, match=r"envs.bin: manifest.json does not list it"):
+    with pytest.raises(CheckpointError, match=r"envs.safetensors: manifest.json does not list it"):
         resume(folders)
     assert files(folders) == before
-    (folders / "run" / NEWEST / "envs.bin").unlink()
-    with pytest.raises(CheckpointError, match=r"envs.bin: manifest.json does not list it"):
+    (folders / "run" / NEWEST / "envs.safetensors").unlink()
+    with pytest.raises(CheckpointError, match=r"envs.safetensors: manifest.json does not list it"):
         resume(folders)
     (folders / "export" / "notes.txt").write_text("mine")
     with pytest.raises(CheckpointError, match=r"notes.txt: export.json does not list it"):
         controller(folders)
     (folders / "diagnoser" / "model" / "notes.txt").write_text("mine")
-    with pytest.raises(CheckpointError, match=r"notes.txt: it is no file of a diagnoser"):
+    with pytest.raises(CheckpointError, match=r"notes.txt: diagnoser.toml does not list it"):
         diagnose(folders)
     # And an export that holds somebody's notes is not replaced.
-    with pytest.raises(ConfigError, match=r"notes.txt is no file of the export"):
-        dappo_batch._core.run_command(
-            [
-                *("export", str(folders / "run"), "--diagnoser", str(folders / "diagnoser")),
-                *("--out", str(folders / "export")),
-            ]
-        )
+    again = ("export", folders / "run", "--diagnoser", folders / "diagnoser", "--out", folders / "export")
+    assert "notes.txt is no file of an export" in command_line(*again, code=1)[1]
     assert (folders / "export" / "notes.txt").read_text() == "mine"
 
 
@@ -360,20 +378,20 @@ def test_paths_are_bytes(name: bytes, tmp_path: Path) -> None:
     root = os.fsencode(tmp_path) + b"/"
     settings = {"horizon": 16, "env.max_episode_steps": 20, "ppo.hidden": [8], "evaluation.episodes": 1}
     settings |= {"damage.max_damaged_limbs": 1}
-    run = dappo_batch.train(root + name, envs=4, threads=1, steps=ITERATION, set=settings)
+    run = dappo_batch.train(root + name, num_envs=4, threads=1, total_steps=ITERATION, set=settings)
     assert os.fsencode(run.path) == root + name
     assert len(load_run(root + name).metrics["iteration"]) == 1
     Policy.load(root + name)
     # The same path as Python decodes it.
     report = dappo_batch.evaluate(os.fsdecode(root + name), threads=1, episodes=1)
-    assert len(report["runs"]) == 1
+    assert len(report.runs) == 1
     windows: dict[str, Any] = {"rollouts": 2, "timesteps": 3, "threads": 1}
     parts = dappo_batch.collect_pairs(root + name, root + b"pairs" + name, **windows)
     assert [os.fsencode(part.parent) for part in parts] == [root + b"pairs" + name]
     network = {"epochs": 1, "embedding": 8, "lstm": 4, "hidden": [8]}
     dappo_batch.train_diagnoser(root + b"pairs" + name, root + b"net" + name, threads=1, set=network)
     (tested,) = dappo_batch.evaluate_diagnoser(root + b"net" + name, data=[root + b"pairs" + name], threads=1)
-    assert set(tested) >= {"model", "data", "summary"}
+    assert tested.summary.windows == 2 * len(tested.classes)
     if name == b"run\xff":
         with pytest.raises(ConfigError, match="has no name in UTF-8"):
             read([root + name])

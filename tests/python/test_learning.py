@@ -11,7 +11,7 @@ from dappo_batch.commands import TrainingOptions
 
 SMALL: TrainingOptions = {
     "healthy": True,
-    "envs": 64,
+    "num_envs": 64,
     "threads": 1,
     "set": {
         "horizon": 64,
@@ -25,7 +25,7 @@ SMALL: TrainingOptions = {
 
 def forward_reward(run: Path, steps: int) -> float:
     """Train for so many env steps; return the mean forward reward of an episode without exploration noise."""
-    trained = dappo_batch.train(run, steps=steps, seed=0, **SMALL)
+    trained = dappo_batch.train(run, total_steps=steps, seed=0, **SMALL)
     (mean,) = trained.per_class["true"]["forward_reward"].tolist()
     return float(mean)
 

@@ -14,8 +14,8 @@ from dappo_batch.commands import TrainingOptions
 CALLS = 8
 OPTIONS: TrainingOptions = {
     "threads": 1,
-    "envs": 4,
-    "steps": 64,
+    "num_envs": 4,
+    "total_steps": 64,
     "set": {
         "horizon": 16,
         "env.max_episode_steps": 20,

@@ -10,6 +10,7 @@ import pytest
 import dappo_batch
 from dappo_batch import ConfigError
 from dappo_batch._core import run_cli
+from dappo_batch.model import check_robot
 from dappo_batch.robots import load_robot
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -259,6 +260,43 @@ UNFIT: dict[str, tuple[Edits, Edits, str]] = {
         "plus or minus the qpos_noise of 0.2",
     ),
 }
+
+
+def with_pictures(folder: Path, entry: str, mjcf: Edits = ()) -> Path:
+    """Write the toy robot with an entry in [pictures]."""
+    return toy(folder, mjcf, (("[termination]", f"[pictures]\n{entry}\n\n[termination]"),))
+
+
+@pytest.mark.parametrize(
+    ("cameras", "reason"),
+    [
+        ("", "the MJCF has no camera 'side'; it has none with a name"),
+        ('<camera pos="0 -2 1"/>', "the MJCF has no camera 'side'; it has none with a name"),
+        ('<camera name="front"/><camera/><camera name="top"/>', "expected one of 'front', 'top'"),
+    ],
+)
+def test_a_camera_that_the_mjcf_lacks_is_refused_with_those_that_there_are(
+    cameras: str, reason: str, folder: Path
+) -> None:
+    mjcf = ((PLATE, f"{cameras}{PLATE}"),)
+    path = with_pictures(folder, 'camera = "side"', mjcf)
+    message = refusal(path)
+    assert "[pictures] camera: " in message
+    assert reason in message
+    with pytest.raises(ConfigError, match="no camera 'side'"):
+        check_robot(load_robot(path))
+
+
+def test_the_camera_of_the_mjcf_and_none_at_all_are_welcome(folder: Path) -> None:
+    mjcf = ((PLATE, f'<camera name="side"/>{PLATE}'),)
+    for entry in ('camera = "side"', ""):
+        path = with_pictures(folder, entry, mjcf)
+        assert len(dappo_batch.compile_class_table(path, max_damaged_limbs=0).models) == 1
+
+
+def test_entries_of_pictures_that_nothing_reads_are_refused(folder: Path) -> None:
+    assert "[pictures]: unknown entries kamera" in refusal(with_pictures(folder, 'kamera = "side"'))
+    assert "[pictures]: `camera` is 5, expected a text" in refusal(with_pictures(folder, "camera = 5"))
 
 
 @pytest.mark.parametrize("name", UNFIT)

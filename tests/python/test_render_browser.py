@@ -15,7 +15,7 @@ import pytest
 from viser import ViserServer
 
 import dappo_batch
-from dappo_batch import render
+from dappo_batch import MissingExtraError, render
 from dappo_batch.render import RenderError, Walk
 from dappo_batch.render.browser import Player
 from dappo_batch.render.camera import view
@@ -127,5 +127,5 @@ def test_what_keeps_a_page_from_being_served_is_said_before_the_walk(
     with socket.create_server(("localhost", 0)) as other:
         render.check_browser("localhost", other.getsockname()[1])
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(RenderError, match=r"mjviser is not installed.*dappo-batch\[viewer\]"):
+    with pytest.raises(MissingExtraError, match=r"mjviser is not installed.*dappo-batch\[viewer\]"):
         render.check_browser()

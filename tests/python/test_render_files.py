@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import dappo_batch
-from dappo_batch import ConfigError, DappoError, render
+from dappo_batch import ConfigError, DappoError, MissingExtraError, render
 from dappo_batch.render import RenderError, Walk, encoders, film, opengl
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
@@ -185,7 +185,7 @@ def test_packages_that_are_missing_are_named_with_the_command_that_installs_them
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name, *more)
     )
-    with pytest.raises(RenderError, match=rf"{message}.*pip install 'dappo-batch\[video\]'") as caught:
+    with pytest.raises(MissingExtraError, match=rf"{message}.*pip install 'dappo-batch\[video\]'") as caught:
         render.check(tmp_path / "film.mp4")
     assert isinstance(caught.value, DappoError)
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dappo_batch
-from dappo_batch import ClassTable, ConfigError, ShapeError
+from dappo_batch import ClassTable, ConfigError, Event, ShapeError
 from dappo_batch.render import Walk
 from dappo_batch.render.camera import view
 from dappo_batch.render.captions import beliefs, captions
@@ -30,11 +30,11 @@ def states(table: ClassTable, count: int) -> NDArray[np.float64]:
     return np.tile(table.models[0].qpos0, (count, 1))
 
 
-def event(step: int, kind: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401
-    return {"robot": 0, "step": step, "event": kind, **more}
+def event(step: int, kind: str, **more: Any) -> Event:  # noqa: ANN401
+    return Event.from_dict({"robot": 0, "step": step, "event": kind, **more})
 
 
-def diagnosed(step: int, damage_class: int, confidence: float, accepted: bool = True) -> dict[str, Any]:
+def diagnosed(step: int, damage_class: int, confidence: float, accepted: bool = True) -> Event:
     return event(step, "diagnosed", **{"class": damage_class}, confidence=confidence, accepted=accepted)
 
 
@@ -60,6 +60,24 @@ def test_the_caption_says_what_the_controller_believes_in_every_state() -> None:
         "not sure: jammed_joint@0 (31 %)",
         "not missing_toe@0: taken for healthy",
     ]
+
+
+@pytest.mark.parametrize(
+    ("odd", "message"),
+    [
+        ({"step": 1}, "an event has no step or no kind"),
+        ({"event": "suspected"}, "an event has no step or no kind"),
+        ({"step": "1", "event": "suspected"}, "an event: step is '1', expected a value of type int"),
+        ({"step": 1, "event": "adapted", "class": True}, "an event: class is True"),
+        ({"step": 1, "event": "adapted", "class": 3}, "names damage class 3, expected one from 0 to 2"),
+        ({"step": 1, "event": "adapted", "class": -1}, "names damage class -1"),
+        (5, "an event must be a mapping"),
+    ],
+)
+def test_an_event_that_is_none_is_refused(table: ClassTable, odd: Any, message: str) -> None:  # noqa: ANN401
+    with pytest.raises(ConfigError, match=message):
+        Walk(table, states(table, 3), events=[odd], known_names=NAMES)
+    assert Walk(table, states(table, 3), events=[event(1, "adapted", **{"class": 2})], known_names=NAMES)
 
 
 def test_the_caption_names_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(

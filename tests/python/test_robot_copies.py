@@ -225,6 +225,29 @@ def test_what_has_changed_is_said_with_its_file(change: str, tmp_path: Path) -> 
     assert expected in difference
 
 
+@pytest.mark.parametrize("name", ["flag.mjcf", "flag.xml", "flag"])
+def test_a_change_of_an_attached_model_is_said_with_its_file(name: str, tmp_path: Path) -> None:
+    robot = write_mesh_robot(tmp_path / "robot")
+    mjcf = tmp_path / "robot" / "tripod.xml"
+    flag = tmp_path / "robot" / "parts" / name
+    flag.write_text(
+        '<mujoco model="flag"><worldbody><body name="flag"><geom size="0.01"/></body></worldbody></mujoco>'
+    )
+    edit(mjcf, "<worldbody>", f'<asset><model name="m" file="parts/{name}"/></asset><worldbody>')
+    edit(
+        mjcf,
+        '<body name="north" euler="0 0 0">',
+        '<frame><attach model="m" body="flag" prefix="x_"/></frame><body name="north" euler="0 0 0">',
+    )
+    before = RobotCopy.of(robot, {})
+    assert before.differences(RobotCopy.of(robot, {})) == []
+    edit(flag, 'size="0.01"', 'size="0.02"')
+    (difference,) = before.differences(RobotCopy.of(robot, {}))
+    assert difference.startswith(f"parts/{name}:")
+    assert 'size="0.01"' in difference
+    assert 'size="0.02"' in difference
+
+
 def test_what_means_the_same_is_no_difference(tmp_path: Path) -> None:
     robot = write_mesh_robot(tmp_path / "one")
     before = RobotCopy.of(robot, {})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dappo_batch._core import ConfigError
-from dappo_batch.class_table import compile_class_table
+from dappo_batch.model import compile_class_table
 from dappo_batch.robots import ROBOTS, load_robot
 
 TRIPOD = Path(__file__).parent / "robots" / "tripod.toml"

@@ -41,8 +41,8 @@ def edit(robot: Path, change: Edit) -> None:
 
 
 def train(run: Path, robot: Path | str, **options: Any) -> Path:  # noqa: ANN401
-    options.setdefault("steps", STEPS)
-    dappo_batch.train(run, robot=str(robot), envs=4, threads=1, set=SETTINGS, **options)
+    options.setdefault("total_steps", STEPS)
+    dappo_batch.train(run, robot=str(robot), num_envs=4, threads=1, set=SETTINGS, **options)
     return run
 
 
@@ -95,7 +95,7 @@ def test_a_robot_file_that_has_changed_is_an_error_that_says_what_differs(
     edit(place / "robot" / "tripod.toml", change)
     for call in (
         lambda: dappo_batch.evaluate(place / "aware", threads=1),
-        lambda: dappo_batch.resume(place / "aware", steps=2 * STEPS, threads=1),
+        lambda: dappo_batch.resume(place / "aware", total_steps=2 * STEPS, threads=1),
     ):
         message = refusal(call)
         assert message.startswith(
@@ -130,8 +130,8 @@ def test_with_use_run_everything_is_as_it_was_and_with_use_file_as_the_file_is(p
     aware = place / "aware"
 
     def rewards(**options: Any) -> list[float]:  # noqa: ANN401
-        found = dappo_batch.evaluate(aware, threads=1, **options)["runs"][0]["classes"]
-        return [entry["forward_reward"] for entry in found]
+        found = dappo_batch.evaluate(aware, threads=1, **options).runs[0].classes
+        return [entry.forward_reward for entry in found]
 
     before = rewards()
     edit(place / "robot" / "tripod.toml", GEAR)
@@ -159,18 +159,18 @@ def test_a_run_that_cannot_go_on_with_the_changed_file_keeps_its_own_robot(place
         place / "robot" / "tripod.toml", (GEAR[0], '<position name="west_knee" joint="west_knee"/>', filtered)
     )
     with pytest.raises(DappoError, match="its envs are not those of this run"):
-        dappo_batch.resume(run, steps=2 * STEPS, threads=1, robot_changed="use-file")
+        dappo_batch.resume(run, total_steps=2 * STEPS, threads=1, robot_changed="use-file")
     assert (run / "robot" / "robot.xml").read_text() == kept
-    dappo_batch.resume(run, steps=2 * STEPS, threads=1, robot_changed="use-run")
+    dappo_batch.resume(run, total_steps=2 * STEPS, threads=1, robot_changed="use-run")
 
 
 def test_a_run_that_goes_on_with_the_changed_file_keeps_that(place: Path) -> None:
     aware = place / "aware"
     edit(place / "robot" / "tripod.toml", GEAR)
     kept = (aware / "robot" / "robot.xml").read_text()
-    dappo_batch.resume(aware, steps=2 * STEPS, threads=1, robot_changed="use-run")
+    dappo_batch.resume(aware, total_steps=2 * STEPS, threads=1, robot_changed="use-run")
     assert (aware / "robot" / "robot.xml").read_text() == kept
-    dappo_batch.resume(aware, steps=3 * STEPS, threads=1, robot_changed="use-file")
+    dappo_batch.resume(aware, total_steps=3 * STEPS, threads=1, robot_changed="use-file")
     assert 'kp="9"' in (aware / "robot" / "robot.xml").read_text()
     dappo_batch.evaluate(aware, threads=1)
     assert "--robot-changed" in (
@@ -182,8 +182,8 @@ def test_a_run_whose_robot_file_is_gone_uses_its_own_copy(place: Path, tmp_path:
     moved = (place / "aware").rename(tmp_path / "moved")
     shutil.rmtree(place / "robot")
     evaluation = dappo_batch.evaluate(moved, threads=1)
-    assert len(evaluation["runs"][0]["classes"]) == 7
-    dappo_batch.resume(moved, steps=2 * STEPS, threads=1)
+    assert len(evaluation.runs[0].classes) == 7
+    dappo_batch.resume(moved, total_steps=2 * STEPS, threads=1)
     assert "robot" in refusal(lambda: dappo_batch.evaluate(moved, robot_changed="use-file"))
 
 
@@ -201,7 +201,7 @@ def test_a_run_of_an_earlier_version_is_used_with_a_note_and_gets_its_copy_when_
     dappo_batch.evaluate(aware, threads=1)
     assert f"{aware} keeps no copy of its robot" in capfd.readouterr().err
     assert not (aware / "robot").exists()
-    dappo_batch.resume(aware, steps=2 * STEPS, threads=1)
+    dappo_batch.resume(aware, total_steps=2 * STEPS, threads=1)
     capfd.readouterr()
     edit(place / "robot" / "tripod.toml", GEAR)
     assert "has changed since the training" in refusal(lambda: dappo_batch.evaluate(aware))

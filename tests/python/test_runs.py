@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import CheckpointError, ConfigError, load_run
+from dappo_batch import CheckpointError, ConfigError, Meta, load_run
 
 from .command_line import ITERATION, TINY
 from .command_line import dappo_batch as command
@@ -21,7 +21,7 @@ def test_a_run_is_its_files(tmp_path: Path) -> None:
     run = load_run(str(path))
     assert (run.path, run.robot, run.seed, run.observes_damage) == (path, "ant", 7, False)
     assert run.config["ppo"]["gamma"] == 0.99
-    assert run.meta["mujoco"] == "4.0.0"
+    assert run.meta.mujoco == "4.0.0"
     assert run.metrics["env_steps"].dtype == np.int64
     np.testing.assert_array_equal(run.metrics["env_steps"], [100, 200, 300, 400])
     np.testing.assert_array_equal(run.metrics["forward_reward"], [1.0, np.nan, 3.0, 5.0])
@@ -40,7 +40,7 @@ def test_a_trained_run_can_be_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run.metrics["env_steps"], [ITERATION, 2 * ITERATION])
     assert run.per_class["true"]["name"][0] == "healthy"
     assert run.groups["true"]["group"][-1] == "all"
-    assert run.metrics["backend"].tolist() == [run.meta["backend"]] * 2
+    assert run.metrics["backend"].tolist() == [run.meta.backend] * 2
 
 
 def test_columns_that_newer_versions_write_are_empty_in_older_lines(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_a_run_that_goes_on_can_be_read(tmp_path: Path) -> None:
     (path / "metrics.jsonl").unlink()
     (path / "meta.json").unlink()
     run = load_run(path)
-    assert (dict(run.metrics), dict(run.meta)) == ({}, {})
+    assert (dict(run.metrics), run.meta) == ({}, Meta())
 
 
 def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> None:
@@ -87,6 +87,10 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
         ("config.toml", "robot = ", "config.toml cannot be read"),
         ("meta.json", "{", "meta.json cannot be read"),
         ("meta.json", "[]", "meta.json holds list, expected a JSON object"),
+        ("meta.json", '{"mujoco": 4}', "meta.json: mujoco is 4, expected a value of type str"),
+        ("meta.json", '{"threads": true}', "threads is True, expected a value of type int"),
+        ("meta.json", '{"changes": [{"key": "a"}]}', "a change has no key, iteration or env_steps"),
+        ("meta.json", '{"changes": 5}', "the changes must be a sequence"),
         ("metrics.jsonl", '{"a": 1}\n{"a"\n{"a": 2}\n', "metrics.jsonl, line 2"),
         ("metrics.jsonl", "[1]\n", r"line 1 is '\[1\]', expected a JSON object"),
         ("eval/per_class.csv", "", "per_class.csv is empty"),

@@ -12,15 +12,16 @@ import pytest
 
 import dappo_batch
 from dappo_batch import ConfigError
-from dappo_batch.sweeping import sweep
+from dappo_batch.sweeps import sweep
+from dappo_batch.sweeps.cell import options_of
 
 from .. import processes
 from .command_line import ITERATION, dappo_batch_many, files, metrics, start
 
 BASE = {
     "threads": 1,
-    "envs": 4,
-    "steps": 2 * ITERATION,
+    "num_envs": 4,
+    "total_steps": 2 * ITERATION,
     "horizon": 16,
     "env.max_episode_steps": 20,
     "ppo.hidden": [8],
@@ -61,9 +62,16 @@ def test_every_combination_is_trained_as_if_alone_and_never_again(tmp_path: Path
     assert [(cell.run().seed, cell.run().observes_damage) for cell in cells] == [
         *((0, True), (0, False), (1, True), (1, False)),
     ]
-    settings = {key: value for key, value in BASE.items() if key not in {"threads", "envs", "steps"}}
+    options = {"threads", "num_envs", "total_steps"}
+    settings = {key: value for key, value in BASE.items() if key not in options}
     alone = dappo_batch.train(
-        tmp_path / "alone", threads=1, envs=4, steps=2 * ITERATION, seed=1, unaware=True, set=settings
+        tmp_path / "alone",
+        threads=1,
+        num_envs=4,
+        total_steps=2 * ITERATION,
+        seed=1,
+        unaware=True,
+        set=settings,
     )
     assert metrics(cells[3].path) == metrics(alone.path)
 
@@ -112,7 +120,7 @@ def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: 
 def test_another_base_and_an_empty_grid_are_refused(tmp_path: Path) -> None:
     sweep(BASE, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
     with pytest.raises(ConfigError, match="another base"):
-        sweep(BASE | {"envs": 8}, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
+        sweep(BASE | {"num_envs": 8}, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
     with pytest.raises(ConfigError, match="no values for seed"):
         sweep(BASE, {"seed": []}, tmp_path / "other", executor=Inline())
     with pytest.raises(ConfigError, match="two cells"):
@@ -124,8 +132,8 @@ def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
     def train(_: int) -> str:
         options = {
             "threads": 1,
-            "envs": 4,
-            "steps": 200 * ITERATION,
+            "num_envs": 4,
+            "total_steps": 200 * ITERATION,
             "set": {"horizon": 16, "ppo.hidden": [8]},
         }
         program = f"import dappo_batch; dappo_batch.train({str(tmp_path / 'run')!r}, **{options!r})"
@@ -135,3 +143,11 @@ def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
         errors = list(pool.map(train, range(2)))
     assert sorted(bool(error) for error in errors) == [False, True]
     assert any("already holds a run" in error or "trained by another process" in error for error in errors)
+
+
+def test_options_have_their_own_names_and_those_of_flags() -> None:
+    options = {"num_envs": 4, "total_steps": 64, "set": {"ppo.gamma": 0.9}}
+    assert options_of({"num_envs": 4, "total_steps": 64, "ppo.gamma": 0.9}) == options
+    assert options_of({"envs": 4, "steps": 64, "ppo.gamma": 0.9}) == options
+    with pytest.raises(ConfigError, match="num_envs is given twice, also by the name of its flag"):
+        options_of({"envs": 4, "num_envs": 4})

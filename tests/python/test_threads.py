@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 import dappo_batch
 from dappo_batch import ClassTable, Controller, DappoError, Diagnoser, NotPicklableError, Policy
+from dappo_batch.commands import DecisionTime
 
 WORKER = "dappo-worker-"
 SECONDS = 60
@@ -43,7 +45,7 @@ def table() -> ClassTable:
 def everything(root: Path, threads: int, pause: Callable[[], None] = lambda: None) -> dict[str, Any]:
     """Train, evaluate, diagnose and adapt; return what came out of it."""
     run, pairs, diagnoser = root / "run", root / "pairs", root / "diagnoser"
-    trained = dappo_batch.train(run, envs=64, steps=2048, device="cpu", threads=threads, set=SIZES)
+    trained = dappo_batch.train(run, num_envs=64, total_steps=2048, device="cpu", threads=threads, set=SIZES)
     pause()
     evaluation = dappo_batch.evaluate(run, episodes=1, threads=threads)
     pause()
@@ -57,10 +59,10 @@ def everything(root: Path, threads: int, pause: Callable[[], None] = lambda: Non
     return {
         "losses": [trained.metrics[key].tolist() for key in ("kl", "value_loss", "policy_loss")],
         "rewards": trained.per_class["true"]["forward_reward"].tolist(),
-        "evaluation": [{**one, "run": None} for one in evaluation["runs"]],
-        "epochs": [epoch["train_loss"] for epoch in epochs],
-        "tested": [(one["summary"], one["cost"]) for one in tested],
-        "adapted": {key: value for key, value in adapted["summary"].items() if "decision" not in key},
+        "evaluation": [replace(one, run="") for one in evaluation.runs],
+        "epochs": [epoch.train_loss for epoch in epochs],
+        "tested": [(one.summary, one.cost) for one in tested],
+        "adapted": replace(adapted.summary, decision_ms=DecisionTime(0, None, None, None)),
     }
 
 

@@ -263,11 +263,12 @@ def test_a_second_signal_ends_the_program_at_once(tmp_path: Path) -> None:
 
 
 def damage_classes(checkpoint: Path) -> tuple[int, ...]:
-    """Read the damage classes in force from the env state, `envs.bin`."""
-    data = (checkpoint / "envs.bin").read_bytes()
-    magic, envs, row, _ = struct.unpack_from("<8sQQQ", data)
-    assert magic == b"DAPPOENV"
-    return struct.unpack_from(f"<{envs}Q", data, 32 + 8 * envs * row)
+    """Read the damage classes in force from the env state."""
+    data = (checkpoint / "envs.safetensors").read_bytes()
+    begin = 8 + struct.unpack_from("<Q", data)[0]
+    entry = json.loads(data[8:begin])["classes"]
+    first, last = (begin + offset for offset in entry["data_offsets"])
+    return struct.unpack(f"<{entry['shape'][0]}Q", data[first:last])
 
 
 def test_class_draws_follow_the_stages_and_the_stage_survives_a_resume(tmp_path: Path) -> None:

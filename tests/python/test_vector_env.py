@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 import dappo_batch
 from dappo_batch import ClassTable, ConfigError, DappoError, ShapeError, SimulationError
+from dappo_batch.envs.options import completed
 
 # 99.9 % quantile of the chi-square distribution with 32 degrees of freedom (any statistics table).
 CHI_SQUARE_32 = 62.487
@@ -349,6 +351,26 @@ def test_unusable_reset_options_are_refused(
     envs.reset()
     with pytest.raises(error, match=message):
         envs.reset(options=options)
+
+
+def test_an_argument_that_there_is_none_of_is_named_with_those_that_there_are(ant_table: ClassTable) -> None:
+    makers: list[Any] = [dappo_batch.make_vec, dappo_batch.DamageVectorEnv, dappo_batch.DamageEnv]
+    for maker in makers:
+        with pytest.raises(
+            TypeError, match=r"unexpected keyword argument 'sed'; expected some of damage, .*seed"
+        ):
+            maker(ant_table, sed=0)
+    # What only several envs have.
+    with pytest.raises(TypeError, match="unexpected keyword argument 'autoreset'"):
+        makers[2](ant_table, autoreset="same_step")
+
+
+@pytest.mark.parametrize("options", [dappo_batch.EnvOptions, dappo_batch.VectorEnvOptions])
+def test_every_argument_is_described_and_has_a_default(options: type[dappo_batch.EnvOptions]) -> None:
+    described = f"{dappo_batch.EnvOptions.__doc__}{options.__doc__}"
+    for name in options.__annotations__:
+        assert re.search(rf"^    (\w+, )*{name}(, \w+)* : ", described, re.MULTILINE), name
+    assert completed("make_vec", {}, options).keys() == dappo_batch.VectorEnvOptions.__annotations__.keys()
 
 
 def test_stepping_before_the_first_reset_is_refused(ant_table: ClassTable) -> None:

@@ -10,10 +10,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
+import dappo_batch
+from dappo_batch import ConfigError, SimulationError
 from dappo_batch._core import run_cli
 
 from .. import processes
@@ -100,7 +103,59 @@ def test_too_little_room_for_contacts_is_an_error_with_the_number_to_set(
     err = capfd.readouterr().err
     assert "had no room for all constraints of a world (NEFC" in err
     assert "njmax = 8" in err
-    assert "--set env.njmax=16" in err
+    assert "--njmax 16, or njmax=16 in Python" in err
+
+
+def stand_up(**sizes: int) -> None:
+    """Let two healthy Ants fall on their feet."""
+    envs = dappo_batch.make_vec(
+        "ant", 2, device="warp-cpu", physics="euler", max_damaged_limbs=0, seed=0, **sizes
+    )
+    try:
+        envs.reset()
+        for _ in range(40):
+            envs.step(np.zeros((2, 8), np.float32))
+    finally:
+        envs.close()
+
+
+def test_an_env_takes_the_size_that_its_error_names() -> None:
+    with pytest.raises(SimulationError, match=r"\(NEFC; njmax = 2\).*--njmax 4, or njmax=4 in Python"):
+        stand_up(njmax=2)
+    with pytest.raises(SimulationError, match=r"nconmax = 1\b.*--nconmax 2, or nconmax=2 in Python"):
+        stand_up(nconmax=1)
+    stand_up(njmax=200, nconmax=50)
+
+
+@pytest.mark.parametrize("name", ["njmax", "nconmax"])
+@pytest.mark.parametrize("value", [0, -1, 2**31, 1.5, "many"])
+def test_a_size_that_is_none_is_refused(name: str, value: object) -> None:
+    with pytest.raises(ConfigError, match=f"{name} must be"):
+        dappo_batch.make_vec("ant", 1, max_damaged_limbs=0, **{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("flags", [["--njmax", "8"], ["--njmax=8", "--nconmax=100"]])
+def test_commands_that_read_a_run_take_sizes_of_their_own(
+    flags: list[str], finished: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    device = ["--device", "warp-cpu", "--threads", "1"]
+    collect = ["diagnose", "collect", str(finished), "--out", str(tmp_path / "data"), "--rollouts", "1"]
+    for command in (
+        ["evaluate", str(finished)],
+        [*collect, "--timesteps", "10", "--preset", "runtime"],
+        ["render", str(finished), "--out", str(tmp_path / "walk.png"), "--steps", "40"],
+    ):
+        assert run_cli([*command, *device, *flags]) == 1
+        assert "njmax = 8" in capfd.readouterr().err
+    with pytest.raises(SimulationError, match="njmax = 8"):
+        dappo_batch.evaluate(finished, device="warp-cpu", threads=1, njmax=8)
+
+
+def test_sizes_of_a_training_are_flags_too(finished: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(run, ITERATION)
+    assert run_cli(["train", "--resume", str(run), "--steps", str(2 * ITERATION), "--nconmax", "77"]) == 0
+    assert tomllib.loads((run / "config.toml").read_text())["env"]["nconmax"] == 77
 
 
 def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Path) -> None:

@@ -1,64 +1,106 @@
 """``dappo-batch bench``: env steps per second and processor time beside other simulators.
 
-Everything runs in one process, interleaved, from the same states and with the same kind of actions, so the
-ratios hold on a busy or throttled machine too; the absolute numbers are those of the moment.
+Everything runs in one process, interleaved, with the same kind of states and actions, so the ratios
+hold on a busy or throttled machine too; the absolute numbers are those of the moment.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import asdict, dataclass
+from json import dumps
+from typing import Any
 
-from dappo_batch._core import ConfigError, SimulationError
-from dappo_batch.bench import diagnoser, training
-from dappo_batch.bench.arguments import options, parse
-from dappo_batch.bench.contenders import (
-    Contender,
-    LanesF32,
-    LanesF32Copy,
-    LanesF32Damaged,
-    LanesF64,
-    MujocoBackend,
-    MujocoBatch,
-    MujocoRollout,
-    RawStep,
-)
-from dappo_batch.bench.entry import Entrant, absent, enter
-from dappo_batch.bench.learner import learner_share
-from dappo_batch.bench.machine import cores, describe
-from dappo_batch.bench.measure import measure_rounds, peak_memory_mb
-from dappo_batch.bench.peers import EnvPoolAnt, GymnasiumAnt
-from dappo_batch.bench.report import Missing, Report, results
-from dappo_batch.bench.workload import Workload
+from dappo_batch import machine
+from dappo_batch._core import ConfigError
+from dappo_batch.bench.contenders import CONTENDERS, Contender, Unavailable, Workload
+from dappo_batch.bench.measure import Sample, Spread, align, measure_rounds
+from dappo_batch.robots import load_robot
 
-__all__ = ["CONTENDERS", "main", "run"]
+__all__ = ["BASE", "Missing", "Report", "Result", "command", "run"]
 
-CONTENDERS: tuple[type[Contender], ...] = (
-    RawStep,
-    LanesF32,
-    LanesF32Copy,
-    LanesF32Damaged,
-    LanesF64,
-    MujocoBackend,
-    MujocoBatch,
-    MujocoRollout,
-    EnvPoolAnt,
-    GymnasiumAnt,
-)
-"""Everything that may be measured; a new contender is a class like those here."""
+BASE = "mj_step"
+"""Name of the contender that all others are compared with."""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A contender that was not measured, why, and the command that would change it, if there is one."""
+
+    key: str
+    reason: str
+    install: str
+
+    def __str__(self) -> str:
+        cure = f"; to install it: {self.install}" if self.install else ""
+        return f"not measured: {self.key}: {self.reason}{cure}"
+
+
+@dataclass(frozen=True)
+class Result:
+    """One contender's numbers.
+
+    ``rate`` is in env steps per second of elapsed time, ``ratio`` the same over that of `BASE`, compared
+    round by round, ``cpu_us`` the processor time of an env step in µs.
+    """
+
+    key: str
+    note: str
+    num_envs: int
+    rate: Spread
+    cpu_us: Spread
+    ratio: Spread
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that one call found: the machine, the settings, results, and what is missing and why."""
+
+    machine: dict[str, Any]
+    settings: dict[str, Any]
+    results: tuple[Result, ...]
+    missing: tuple[Missing, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it."""
+        return asdict(self) | {"base": BASE}
+
+    def text(self) -> str:
+        """Return everything as a text for people."""
+        one = self.settings
+        head = ("", "env steps/s", "CPU µs a step", f"speed / {BASE}", "envs")
+        rows = [
+            (
+                result.key,
+                f"{result.rate.median:,.0f}",
+                f"{result.cpu_us.median:.1f}",
+                result.ratio.text(".2f"),
+                str(result.num_envs),
+            )
+            for result in self.results
+        ]
+        return "\n".join(
+            [
+                machine.text(self.machine),
+                f"robot {one['robot']}: {one['threads']} threads, {one['rounds']} rounds of"
+                f" {one['seconds']:g} s each, medians (lowest to highest)",
+                "",
+                align([head, *rows]),
+                "",
+                *(f"{result.key}: {result.note}" for result in self.results if result.note),
+                *map(str, self.missing),
+            ]
+        ).rstrip()
 
 
 def run(
     robot: str = "ant",
     *,
-    num_envs: int = 4096,
+    num_envs: int = 1024,
     threads: int | None = None,
     seconds: float = 2.0,
     rounds: int = 5,
-    learner: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
     """Measure this package beside every other way to step a robot that is installed.
@@ -75,121 +117,57 @@ def run(
         Least length of a sample, s.
     rounds : int
         Samples a contender.
-    learner : bool
-        Whether to train for a few iterations, too.
-    progress : callable, optional
+    progress : callable
         Told what happens, for example ``print``.
-
-    Returns
-    -------
-    Report
-        The numbers, and what could not be measured and why.
 
     Raises
     ------
     ConfigError
         If an argument is out of range or the robot unknown.
     """
-    threads = cores() if threads is None else threads
-    for name, value in (("envs", num_envs), ("threads", threads), ("rounds", rounds)):
+    threads = machine.cores() if threads is None else threads
+    for name, value in (("num_envs", num_envs), ("threads", threads), ("rounds", rounds)):
         if value < 1:
             raise ConfigError(f"{name} must be at least 1, got {value}")
     if not 0.0 < seconds < float("inf"):
         raise ConfigError(f"seconds must be above 0, got {seconds}")
-    machine = describe()
-    workload = Workload.of(robot, num_envs, threads)
-    contenders, missing = _enter(workload, progress)
+    described = machine.describe()
+    workload = Workload(load_robot(robot), num_envs, threads)
+    contenders: dict[str, Contender] = {}
+    missing = []
     try:
+        for key, make in CONTENDERS.items():
+            progress(f"preparing {key}")
+            try:
+                contenders[key] = make(workload)
+            except Unavailable as error:
+                missing.append(Missing(key, str(error), error.install))
         samples = measure_rounds(contenders, seconds, rounds, progress)
     finally:
-        for contender in contenders:
+        for contender in contenders.values():
             contender.close()
-    described = {one.key: (one.about, one.note, one.num_envs) for one in contenders}
-    progress("measuring memory")
-    memory_mb, memory_error = None, ""
-    try:
-        memory_mb = peak_memory_mb(robot, num_envs, threads)
-    except SimulationError as error:
-        memory_error = str(error)
-    if learner:
-        progress("training for a few iterations")
-    return Report(
-        machine=machine,
-        settings={
-            "robot": workload.robot.name,
-            "num_envs": num_envs,
-            "threads": threads,
-            "seconds": seconds,
-            "rounds": rounds,
-        },
-        results=results(samples, described),
-        missing=tuple(missing),
-        memory_mb=memory_mb,
-        memory_error=memory_error,
-        learner=learner_share(robot, threads) if learner else None,
+    settings: dict[str, Any] = {"robot": workload.robot.name, "num_envs": num_envs, "threads": threads}
+    settings |= {"seconds": seconds, "rounds": rounds}
+    results = (_result(key, contenders[key], own, samples[BASE]) for key, own in samples.items())
+    return Report(described, settings, tuple(results), tuple(missing))
+
+
+def _result(key: str, contender: Contender, own: Sequence[Sample], base: Sequence[Sample]) -> Result:
+    return Result(
+        *(key, contender.note, contender.num_envs),
+        rate=Spread.of([sample.rate for sample in own]),
+        cpu_us=Spread.of([sample.cpu_us for sample in own]),
+        ratio=Spread.of([one.rate / other.rate for one, other in zip(own, base, strict=True)]),
     )
 
 
-def _enter(workload: Workload, progress: Callable[[str], None]) -> tuple[list[Contender], list[Missing]]:
-    return enter({kind.key: partial(kind, workload) for kind in CONTENDERS}, progress)
+def command(*, json: bool, **settings: Any) -> int:  # noqa: ANN401 - those of `run`
+    """Run ``dappo-batch bench`` with the parameters of `run` and return its exit code."""
 
+    def progress(what: str) -> None:
+        if sys.stderr.isatty():
+            print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
 
-def main(argv: Sequence[str]) -> int:
-    """Run ``dappo-batch bench`` and return its exit code.
-
-    Parameters
-    ----------
-    argv : sequence of str
-        The arguments behind ``bench``.
-    """
-    arguments = parse(argv)
-    if arguments.list:
-        _print_list(arguments)
-        return 0
-    given = options(arguments)
-    report: Report | training.TrainingReport | diagnoser.DiagnoserReport
-    if arguments.training:
-        report = training.run(**given, progress=_say)
-    elif arguments.diagnoser:
-        report = diagnoser.run(**given, progress=_say)
-    else:
-        report = run(**given, progress=_say)
-    print(json.dumps(report.as_dict(), indent=2) if arguments.json else report.text())
+    report = run(**settings, progress=progress)
+    print(dumps(report.to_dict(), indent=2) if json else report.text())
     return 0
-
-
-def _say(what: str) -> None:
-    """Show progress where it does not get between the lines of a file or a pipe."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
-
-
-def _print_list(arguments: argparse.Namespace) -> None:
-    kinds: Sequence[type[Contender | Entrant]]
-    if arguments.training or arguments.diagnoser:
-        entrants: Sequence[type[Entrant]] = training.TRAINERS if arguments.training else diagnoser.TRAINERS
-        kinds, missing = entrants, absent(entrants)
-    else:
-        kinds = CONTENDERS
-        workload = Workload.of(arguments.robot or "ant", num_envs=1, threads=1)
-        contenders, missing = _enter(workload, lambda _: None)
-        for contender in contenders:
-            contender.close()
-    reasons = {one.key: one for one in missing}
-    rows = [
-        {
-            "key": kind.key,
-            "about": kind.about,
-            "available": kind.key not in reasons,
-            "reason": reasons[kind.key].reason if kind.key in reasons else "",
-            "install": reasons[kind.key].install if kind.key in reasons else "",
-        }
-        for kind in kinds
-    ]
-    if arguments.json:
-        print(json.dumps(rows, indent=2))
-        return
-    for row in rows:
-        cure = f"; to install it: {row['install']}" if row["install"] else ""
-        remark = "" if row["available"] else f" [{row['reason']}{cure}]"
-        print(f"{row['key']:25} {row['about']}{remark}")

@@ -1,296 +1,235 @@
-"""What `bench` measures: this package and MuJoCo's own ways to step many robots."""
+"""What `bench` measures: this package, plain MuJoCo, and environments by others."""
 
 from __future__ import annotations
 
-import threading
+import importlib
+import importlib.metadata
+import importlib.util
 import time
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import cycle
+from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from dappo_batch._core import ConfigError, LaneWorlds
-from dappo_batch.bench.workload import Episodes, Workload
+from dappo_batch._core import ConfigError
 from dappo_batch.envs import make_vec
-from dappo_batch.envs.simulation import Backend, Precision
+from dappo_batch.envs.options import Backend, Precision
+from dappo_batch.robots import Robot
 
-__all__ = [
-    "Contender",
-    "LanesF32",
-    "LanesF32Copy",
-    "LanesF32Damaged",
-    "LanesF64",
-    "MujocoBackend",
-    "MujocoBatch",
-    "MujocoRollout",
-    "RawStep",
-    "Unavailable",
-]
+__all__ = ["CONTENDERS", "Contender", "Unavailable", "Workload"]
+
+_ENV_ID = "Ant-v5"
 
 
 class Unavailable(Exception):
-    """A contender cannot run here; the text says why.
-
-    Parameters
-    ----------
-    reason : str
-        What is in the way.
-    install : str
-        Command that would change it, empty if none does.
-    """
+    """A contender cannot run here; the text says why, and `install` is the command that would change it."""
 
     def __init__(self, reason: str, install: str = "") -> None:
         super().__init__(reason)
         self.install = install
 
 
-class Contender(ABC):
-    """Something that advances robots by env steps.
+@dataclass(frozen=True, eq=False)
+class Workload:
+    """A robot, the number of environments N, threads of each contender, and the seed of states and actions.
 
-    Attributes
-    ----------
-    key : str
-        Name in tables and JSON.
-    about : str
-        What it does in an env step.
-    num_envs : int
-        Environments it advances.
-    note : str
-        Remarks on this very run, such as the version that was measured.
+    Contenders whose environments cost too much memory or time a piece use fewer.
     """
 
-    key: ClassVar[str]
-    about: ClassVar[str]
+    robot: Robot
+    num_envs: int
+    threads: int
+    seed: int = 0
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The MJCF as MuJoCo compiles it, without the edits that make this package faster."""
+        return mujoco.MjModel.from_xml_path(str(self.robot.mjcf_path))
+
+    @property
+    def limits(self) -> tuple[float, float, int]:
+        """Lowest and highest root of an episode, m, and the env steps after which it is cut off."""
+        low, high = self.robot.spec.get("termination", {}).get("height", (-np.inf, np.inf))
+        return float(low), float(high), int(self.robot.spec["max_episode_steps"])
+
+    def rng(self, stream: int) -> np.random.Generator:
+        """Return a random generator; equal streams give equal numbers."""
+        return np.random.default_rng([self.seed, stream])
+
+    def reset(self, data: mujoco.MjData, rng: np.random.Generator) -> None:
+        """Begin an episode."""
+        noise, model = self.robot.spec.get("reset", {}), self.model
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] += noise.get("qpos_noise", 0.0) * rng.uniform(-1.0, 1.0, model.nq)
+        data.qvel[:] = noise.get("qvel_noise", 0.0) * rng.standard_normal(model.nv)
+
+    def actions(self, count: int, dtype: type[np.floating[Any]] = np.float32) -> Iterator[NDArray[Any]]:
+        """Return endless random actions in [-1, 1], each an array [count, nu]."""
+        windows = 997
+        bank = self.rng(0).uniform(-1.0, 1.0, (count + windows, self.model.nu)).astype(dtype)
+        return (bank[start : start + count] for start in cycle(range(windows)))
+
+
+class Contender(ABC):
+    """Something that advances robots by env steps; `note` says which version."""
+
     num_envs: int
     note: str = ""
 
     @abstractmethod
-    def __init__(self, workload: Workload) -> None: ...
+    def run_for(self, seconds: float, steps: int = 1) -> int:
+        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
 
     @abstractmethod
-    def advance(self) -> int:
-        """Advance all environments by one env step and return how many env steps that were."""
-
-    def run_for(self, seconds: float) -> int:
-        """Advance for at least `seconds` and return the number of env steps."""
-        end = time.perf_counter() + seconds
-        steps = self.advance()
-        while time.perf_counter() < end:
-            steps += self.advance()
-        return steps
-
-    def warm_up(self) -> None:
-        """Do what must not be timed."""
-        for _ in range(2):
-            self.advance()
-
-    def close(self) -> None:  # noqa: B027 (most have nothing to free)
+    def close(self) -> None:
         """Free threads and memory."""
 
 
-class LanesF32(Contender):
-    """The public vector env of this package, healthy robots, arrays returned as views."""
+class VectorEnv(Contender):
+    """A vector env: observation, reward and reset included."""
 
-    key = "lanes f32"
-    about = "make_vec(copy=False), healthy: observation, reward, reset"
-    _backend: ClassVar[Backend] = "lanes"
-    _precision: ClassVar[Precision] = "f32"
-    _copy: ClassVar[bool] = False
-    _damage: ClassVar[str] = "healthy"
+    envs: Any
+    actions: Iterator[NDArray[Any]]
 
-    def __init__(self, workload: Workload) -> None:
-        self.num_envs = workload.num_envs
-        try:
-            self._envs = make_vec(
-                workload.robot,
-                workload.num_envs,
-                damage=self._damage,
-                threads=workload.threads,
-                seed=workload.seed,
-                copy=self._copy,
-                backend=self._backend,
-                precision=self._precision,
-            )
-        except ConfigError as error:
-            raise Unavailable(str(error)) from error
-        if self._backend == "lanes":
-            world = LaneWorlds(self._envs.table, np.zeros(1, dtype=np.int64), self._precision)
-            self.note = f"{world.simd}, {world.width} envs in a register"
-        self._actions = workload.actions(self.num_envs)
-        self._envs.reset()
-        self._envs.set_state(*workload.states(self.num_envs))
-
-    def advance(self) -> int:
-        """Advance all environments by one env step and return how many env steps that were."""
-        self._envs.step(self._actions.next())
-        return self.num_envs
+    def run_for(self, seconds: float, steps: int = 1) -> int:
+        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
+        end, done = time.perf_counter() + seconds, 0
+        while done < steps or time.perf_counter() < end:
+            self.envs.step(next(self.actions))
+            done += 1
+        return done * self.num_envs
 
     def close(self) -> None:
         """Free threads and memory."""
-        self._envs.close()
+        self.envs.close()
 
 
-class LanesF32Copy(LanesF32):
-    """The public vector env as it comes by default."""
+class Ours(VectorEnv):
+    """The public vector env of this package; arrays are returned as views."""
 
-    key = "lanes f32 copy"
-    about = "make_vec() as by default: every returned array is a copy"
-    _copy = True
-
-
-class LanesF32Damaged(LanesF32):
-    """The public vector env with every damage class."""
-
-    key = "lanes f32 damaged"
-    about = "make_vec(copy=False), damage drawn from all classes"
-    _damage = "uniform"
-
-
-class LanesF64(LanesF32):
-    """The public vector env in double precision."""
-
-    key = "lanes f64"
-    about = 'make_vec(copy=False, precision="f64"), healthy'
-    _precision = "f64"
-
-
-class MujocoBackend(LanesF32):
-    """The public vector env over libmujoco, for the robots that the lane engine does not know."""
-
-    key = "mujoco"
-    about = 'make_vec(copy=False, backend="mujoco"), healthy'
-    _backend = "mujoco"
+    def __init__(
+        self,
+        workload: Workload,
+        *,
+        backend: Backend = "lanes",
+        precision: Precision = "f32",
+        damage: str = "healthy",
+    ) -> None:
+        self.num_envs = workload.num_envs
+        try:
+            self.envs = make_vec(
+                workload.robot,
+                workload.num_envs,
+                damage=damage,
+                threads=workload.threads,
+                seed=workload.seed,
+                copy=False,
+                backend=backend,
+                precision=precision,
+            )
+        except ConfigError as error:
+            raise Unavailable(str(error)) from error
+        self.actions = workload.actions(self.num_envs)
+        self.envs.reset()
 
 
 class RawStep(Contender):
     """The physics alone: one ``mjData`` a thread, stepped in a loop; the measure of all others."""
 
-    key = "mj_step"
-    about = "the stock model in a loop, one mjData a thread; no observation, no reward"
-
     def __init__(self, workload: Workload) -> None:
-        self._workload = workload
-        self.num_envs = workload.threads
-        self._data = [mujoco.MjData(workload.model) for _ in range(workload.threads)]
-        for data, qpos, qvel in zip(self._data, *workload.states(self.num_envs), strict=True):
-            data.qpos[:], data.qvel[:] = qpos, qvel
-        self._rngs = [workload.rng(100 + index) for index in range(self.num_envs)]
-        self._age = [0] * self.num_envs
+        self._workload, self.num_envs = workload, workload.threads
+        self._pool = ThreadPoolExecutor(workload.threads)  # mj_step releases the interpreter's lock
+        self._data = [mujoco.MjData(workload.model) for _ in range(self.num_envs)]
+        self._rngs = [workload.rng(1 + index) for index in range(self.num_envs)]
+        for data, rng in zip(self._data, self._rngs, strict=True):
+            workload.reset(data, rng)
 
-    def advance(self) -> int:
-        """Advance every thread's robot by one env step and return how many env steps that were."""
-        return self.run_for(0.0)
+    def run_for(self, seconds: float, steps: int = 1) -> int:
+        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
+        work = partial(self._run_one, time.perf_counter() + seconds, steps)
+        return sum(self._pool.map(work, self._data, self._rngs))
 
-    def run_for(self, seconds: float) -> int:
-        """Advance for at least `seconds` and return the number of env steps."""
-        counts = [0] * self.num_envs
-        end = time.perf_counter() + seconds
-
-        def work(index: int) -> None:
-            counts[index] = self._step_until(index, end)
-
-        # mj_step releases the interpreter's lock, so Python threads use all cores.
-        threads = [threading.Thread(target=work, args=(index,)) for index in range(self.num_envs)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return sum(counts)
-
-    def _step_until(self, index: int, end: float) -> int:
-        workload, data, rng = self._workload, self._data[index], self._rngs[index]
-        model, skip, limit = workload.model, workload.frame_skip, workload.max_episode_steps
-        (low, high), age, steps = workload.height, self._age[index], 0
+    def _run_one(self, end: float, steps: int, data: mujoco.MjData, rng: np.random.Generator) -> int:
+        model, (low, high, limit) = self._workload.model, self._workload.limits
+        skip, done = int(self._workload.robot.spec["frame_skip"]), 0
+        actions, last = rng.uniform(-1.0, 1.0, (1024, model.nu)), (limit * skip - 0.5) * model.opt.timestep
         ctrl, qpos = data.ctrl, data.qpos
-        actions = rng.uniform(-1.0, 1.0, (1024, model.nu))
-        while True:
-            ctrl[:] = actions[steps % 1024]
+        while done < steps or time.perf_counter() < end:
+            ctrl[:] = actions[done % 1024]
             mujoco.mj_step(model, data, nstep=skip)
-            steps, age = steps + 1, age + 1
-            if not low <= qpos[2] <= high or age >= limit:
-                mujoco.mj_resetData(model, data)
-                data.qpos[:], data.qvel[:] = workload.first_state(rng)
-                age = 0
-            if time.perf_counter() >= end:
-                self._age[index] = age
-                return steps
-
-    def warm_up(self) -> None:
-        """Do what must not be timed."""
-        self.run_for(0.05)
-
-
-class MujocoRollout(Contender):
-    """``mujoco.rollout``, called once an env step as a policy in the loop demands."""
-
-    key = "mujoco.rollout"
-    about = "the stock model, one call an env step; no observation, no reward"
-
-    def __init__(self, workload: Workload) -> None:
-        # Part of the wheel, but not of the package's namespace.
-        from mujoco import rollout
-
-        self._workload = workload
-        model = workload.model
-        self.num_envs = workload.num_envs
-        self._pool = rollout.Rollout(nthread=workload.threads)
-        self._data = [mujoco.MjData(model) for _ in range(workload.threads)]
-        self._state = np.zeros(
-            (self.num_envs, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        )
-        # The row of MuJoCo's full physics state: time, positions, velocities, …
-        self._qpos = self._state[:, 1 : 1 + model.nq]
-        self._qvel = self._state[:, 1 + model.nq : 1 + model.nq + model.nv]
-        self._qpos[:], self._qvel[:] = workload.states(self.num_envs)
-        self._actions = workload.actions(self.num_envs, np.float64)
-        self._episodes = Episodes(workload, self.num_envs)
-        self._rng = workload.rng(4)
-
-    def advance(self) -> int:
-        """Advance all environments by one env step and return how many env steps that were."""
-        model, skip = self._workload.model, self._workload.frame_skip
-        control = np.repeat(self._actions.next()[:, None, :], skip, axis=1)
-        states, _ = self._pool.rollout(model, self._data, self._state, control, skip_checks=False)
-        self._state[:] = states[:, -1]
-        for env in self._episodes.ended(self._qpos[:, 2]):
-            self._state[env] = 0.0
-            self._qpos[env], self._qvel[env] = self._workload.first_state(self._rng)
-        return self.num_envs
+            done += 1
+            if not low <= qpos[2] <= high or data.time >= last:
+                self._workload.reset(data, rng)
+        return done
 
     def close(self) -> None:
         """Free threads and memory."""
-        self._pool.close()
+        self._pool.shutdown()
 
 
-class MujocoBatch(Contender):
-    """``mujoco.batch.Batch``, MuJoCo's own thread pool since 4.0."""
-
-    key = "mujoco.batch"
-    about = "the stock model, Batch.step; no observation, no reward"
+class Gymnasium(VectorEnv):
+    """Gymnasium's own Ant, one env after the other in one thread."""
 
     def __init__(self, workload: Workload) -> None:
+        _require_ant(workload)
+        self.num_envs = min(workload.num_envs, 32)  # more cost no less an env step, but memory
         try:
-            from mujoco import batch
-        except ImportError:
-            reason = f"mujoco {mujoco.__version__} has no mujoco.batch"
-            raise Unavailable(reason, "pip install 'mujoco>=4.0'") from None
-        self._workload = workload
-        self.num_envs = workload.num_envs
-        self._batch = batch.Batch(workload.model, self.num_envs, workload.threads)
-        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
-        self._qpos[:], self._qvel[:] = workload.states(self.num_envs)
-        self._actions = workload.actions(self.num_envs, np.float64)
-        self._episodes = Episodes(workload, self.num_envs)
-        self._rng = workload.rng(5)
+            self.envs = gymnasium.vector.SyncVectorEnv(
+                [lambda: gymnasium.make(_ENV_ID) for _ in range(self.num_envs)]
+            )
+        except (ImportError, gymnasium.error.Error) as error:
+            reason = f"gymnasium cannot make {_ENV_ID}: {error}"
+            raise Unavailable(reason, "pip install 'gymnasium[mujoco]'") from error
+        self.note = f"gymnasium {gymnasium.__version__}"
+        self.actions = workload.actions(self.num_envs)
+        self.envs.reset(seed=workload.seed)
 
-    def advance(self) -> int:
-        """Advance all environments by one env step and return how many env steps that were."""
-        self._ctrl[:] = self._actions.next()
-        self._batch.step(nstep=self._workload.frame_skip)
-        ended = self._episodes.ended(self._qpos[:, 2])
-        if ended.size:
-            self._batch.reset(ended, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-            for env in ended:
-                self._qpos[env], self._qvel[env] = self._workload.first_state(self._rng)
-        return self.num_envs
+
+class EnvPool(VectorEnv):
+    """EnvPool's Ant, with the MuJoCo inside EnvPool."""
+
+    def __init__(self, workload: Workload) -> None:
+        _require_ant(workload)
+        if importlib.util.find_spec("envpool") is None:
+            raise Unavailable("envpool is not installed", "pip install envpool")
+        self.num_envs = min(workload.num_envs, 256)  # 0.8 MB an env; 4096 envs were measured to be no faster
+        try:
+            envpool = importlib.import_module("envpool")
+            self.envs = envpool.make(
+                _ENV_ID,
+                env_type="gymnasium",
+                num_envs=self.num_envs,
+                num_threads=workload.threads,
+                seed=workload.seed,
+            )
+        except Exception as error:
+            # A foreign binary: whatever it raises is a reason to go on without it, and to say so.
+            raise Unavailable(f"envpool cannot make {_ENV_ID}: {type(error).__name__}: {error}") from error
+        self.note = f"envpool {importlib.metadata.version('envpool')}"
+        self.actions = workload.actions(self.num_envs, np.float64)
+        self.envs.reset()
+
+
+def _require_ant(workload: Workload) -> None:
+    if workload.robot.name != "ant":
+        raise Unavailable(f"there is no robot {workload.robot.name!r}, only the Ant")
+
+
+CONTENDERS: dict[str, Callable[[Workload], Contender]] = {
+    "mj_step": RawStep,
+    "lanes f32": Ours,
+    "lanes f32 damaged": partial(Ours, damage="uniform"),
+    "lanes f64": partial(Ours, precision="f64"),
+    "mujoco": partial(Ours, backend="mujoco"),
+    "envpool": EnvPool,
+    "gymnasium": Gymnasium,
+}
+"""What makes each contender, or raises `Unavailable`, by its name in tables and JSON."""

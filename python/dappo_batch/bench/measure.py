@@ -2,38 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import resource
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
-from typing import TypeVar
 
-from dappo_batch._core import SimulationError
 from dappo_batch.bench.contenders import Contender
 
-__all__ = ["Sample", "Spread", "measure_rounds", "peak_memory_mb", "ratios", "rotated"]
+__all__ = ["SETTLING_STEPS", "Sample", "Spread", "align", "measure_rounds"]
 
-T = TypeVar("T")
+SETTLING_STEPS = 40
+"""Env steps before the first sample. Contacts decide what a step costs, and robots begin above the floor."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One contender's share of one round.
-
-    Attributes
-    ----------
-    steps : int
-        Env steps.
-    wall_seconds : float
-        Elapsed time.
-    cpu_seconds : float
-        Processor time of all threads.
-    """
+    """One contender's share of one round: env steps, elapsed time, and processor time of all threads, s."""
 
     steps: int
     wall_seconds: float
@@ -63,113 +47,39 @@ class Spread:
         """Summarise at least one value."""
         return cls(median(values), min(values), max(values))
 
-    def scaled(self, factor: float) -> Spread:
-        """Return the same in another unit."""
-        return Spread(factor * self.median, factor * self.low, factor * self.high)
-
     def text(self, format_spec: str) -> str:
         """Return the median, and the range in brackets."""
         median, low, high = (format(value, format_spec) for value in (self.median, self.low, self.high))
         return f"{median} ({low} to {high})"
 
 
-def _cpu_seconds() -> float:
-    """Return the processor time of this process, all threads and finished children included."""
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
-
-
-def rotated(contenders: Sequence[T], number: int) -> list[T]:
-    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
-    shift = number % max(1, len(contenders))
-    return [*contenders[shift:], *contenders[:shift]]
-
-
 def measure_rounds(
-    contenders: Sequence[Contender],
-    seconds: float,
-    rounds: int,
-    progress: Callable[[str], None] = lambda _: None,
+    contenders: Mapping[str, Contender], seconds: float, rounds: int, progress: Callable[[str], None]
 ) -> dict[str, list[Sample]]:
-    """Time all contenders `rounds` times.
+    """Time all contenders `rounds` times, each for `seconds` at least, and return their samples.
 
-    Whatever else the machine does meanwhile, and however its clock changes, hits neighbours in a round alike;
-    so numbers are compared within a round. The order rotates, see `rotated`.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        What to time; each is warmed up first.
-    seconds : float
-        Least length of a sample, s. A contender finishes the env step it has begun.
-    rounds : int
-        Samples a contender.
-    progress : callable, optional
-        Told what happens, for example ``print``.
-
-    Returns
-    -------
-    dict
-        The samples of each contender by its key, in the order of rounds.
+    Whatever else the machine does meanwhile affects neighbours in a round alike, so numbers are compared
+    within a round. The order rotates: each leaves caches behind for the next.
     """
-    for contender in contenders:
-        progress(f"warming up {contender.key}")
-        contender.warm_up()
-    samples: dict[str, list[Sample]] = {contender.key: [] for contender in contenders}
+    for key, contender in contenders.items():
+        progress(f"warming up {key}")
+        contender.run_for(0.0, SETTLING_STEPS)
+    samples: dict[str, list[Sample]] = {key: [] for key in contenders}
     for number in range(rounds):
-        for contender in rotated(contenders, number):
-            progress(f"round {number + 1} of {rounds}: {contender.key}")
-            cpu, wall = _cpu_seconds(), time.perf_counter()
-            steps = contender.run_for(seconds)
-            sample = Sample(steps, time.perf_counter() - wall, _cpu_seconds() - cpu)
-            samples[contender.key].append(sample)
+        shift = number % len(contenders)
+        for key in [*contenders][shift:] + [*contenders][:shift]:
+            progress(f"round {number + 1} of {rounds}: {key}")
+            cpu, wall = time.process_time(), time.perf_counter()
+            steps = contenders[key].run_for(seconds)
+            samples[key].append(Sample(steps, time.perf_counter() - wall, time.process_time() - cpu))
     return samples
 
 
-def ratios(samples: Sequence[Sample], base: Sequence[Sample], number: Callable[[Sample], float]) -> Spread:
-    """Compare two contenders round by round: `number` of one over `number` of the other."""
-    return Spread.of([number(one) / number(other) for one, other in zip(samples, base, strict=True)])
-
-
-_MEMORY_SCRIPT = """\
-import json, sys
-import numpy as np
-import dappo_batch
-from dappo_batch.bench.measure import own_peak_memory_mb
-robot, num_envs, threads = json.loads(sys.argv[1])
-envs = dappo_batch.make_vec(robot, num_envs, seed=0, threads=threads, copy=False)
-envs.reset()
-actions = np.zeros(envs.action_space.shape, dtype=np.float32)
-for _ in range(3):
-    envs.step(actions)
-print(json.dumps(own_peak_memory_mb()))
-"""
-
-
-def peak_memory_mb(robot: str, num_envs: int, threads: int) -> float:
-    """Return the peak memory of a process that makes environments and steps them, MB (10⁶ bytes).
-
-    Raises
-    ------
-    SimulationError
-        If that process fails.
-    """
-    arguments = json.dumps([robot, num_envs, threads])
-    done = subprocess.run(
-        [sys.executable, "-c", _MEMORY_SCRIPT, arguments], capture_output=True, text=True, check=False
-    )
-    if done.returncode != 0:
-        raise SimulationError(f"the process that measures memory failed: {done.stderr.strip()[-500:]}")
-    return float(json.loads(done.stdout.splitlines()[-1]))
-
-
-def own_peak_memory_mb() -> float:
-    """Return the largest resident memory this process ever had, MB."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        # getrusage would answer with the parent's peak if that was larger: Linux keeps it across exec.
-        for line in status.read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024 / 1e6
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+def align(rows: Sequence[Sequence[str]]) -> str:
+    """Align cells in columns: the first to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for first, *others in rows:
+        cells = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+        lines.append("  ".join([first.ljust(widths[0]), *cells]).rstrip())
+    return "\n".join(lines)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Unpack
 
-from dappo_batch._checks import folder
-from dappo_batch.commands.invoke import invoke, only
+from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Folder, RobotChanged, Simulation
+from dappo_batch.commands.results import AdaptationReport
 
 __all__ = ["adapt"]
 
@@ -16,7 +16,7 @@ def adapt(
     run: Folder,
     diagnoser: Folder,
     *,
-    damage: str | None = None,
+    damage: str | int | None = None,
     at: int = 300,
     episodes: int = 20,
     seed: int = 0,
@@ -27,7 +27,7 @@ def adapt(
     set: Mapping[str, Any] | None = None,
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
-) -> dict[str, Any]:
+) -> AdaptationReport:
     """Let damage strike in mid-walk, and see how a controller finds out and walks on.
 
     Parameters
@@ -35,7 +35,7 @@ def adapt(
     run, diagnoser
         Run folder of a damage-aware policy, and folder of a diagnoser.
     damage
-        The damage that strikes; every class in turn if left out.
+        The damage that strikes, by its name or number; every class in turn if left out.
     at
         Step at which it strikes.
     episodes
@@ -47,7 +47,7 @@ def adapt(
     unaware
         Run folder of a policy to compare with.
     log
-        File for the first episode step by step, as CSV.
+        File for the first episode of a single damage step by step, as CSV.
     controller
         Settings of the controller.
     set
@@ -59,12 +59,13 @@ def adapt(
 
     Returns
     -------
-    dict
-        ``trial``, ``summary`` and, for a single damage, ``events`` of each episode.
+    AdaptationReport
+        The trial, its summary and, for a single damage, the events of each episode.
     """
-    options = {
-        "diagnoser": folder(diagnoser, "diagnoser"),
-        "damage": damage,
+    arguments = {
+        "run": run,
+        "diagnoser": diagnoser,
+        "damage": str(damage) if isinstance(damage, int) else damage,
         "all_classes": damage is None,
         "at": at,
         "episodes": episodes,
@@ -77,5 +78,5 @@ def adapt(
         "robot_changed": robot_changed,
         **simulation,
     }
-    report: dict[str, Any] = only(invoke(["adapt"], options, folders=[run]))
-    return report
+    (told,) = invoke("adapt", arguments)
+    return AdaptationReport.from_dict(told)

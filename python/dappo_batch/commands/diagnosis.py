@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
-from dappo_batch._checks import folder, sequence
-from dappo_batch.commands.invoke import invoke, only
+from dappo_batch._checks import folder
+from dappo_batch._core import ConfigError
+from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation
+from dappo_batch.commands.results import DiagnoserReport, EpochMetrics
 
 __all__ = ["collect_pairs", "evaluate_diagnoser", "train_diagnoser"]
 
@@ -57,8 +59,10 @@ def collect_pairs(
         The files of the dataset, for ``numpy.load(path, mmap_mode="r")``: structured arrays with the fields
         that the guide to diagnosis lists.
     """
-    options = {
-        "out": folder(out, "out"),
+    target = folder(out, "out")
+    arguments = {
+        "expert": expert,
+        "out": target,
         "rollouts": rollouts,
         "timesteps": timesteps,
         "preset": preset,
@@ -68,8 +72,8 @@ def collect_pairs(
         "robot_changed": robot_changed,
         **simulation,
     }
-    invoke(["diagnose", "collect"], options, folders=[expert])
-    return sorted(folder(out, "out").glob("rollouts-*.npy"))
+    invoke("collect_pairs", arguments)
+    return sorted(target.glob("rollouts-*.npy"))
 
 
 def train_diagnoser(
@@ -84,7 +88,7 @@ def train_diagnoser(
     threads: int | None = None,
     set: Mapping[str, Any] | None = None,
     callback: Callback | None = None,
-) -> list[dict[str, Any]]:
+) -> list[EpochMetrics]:
     """Train a diagnoser on a dataset of `collect_pairs` into a new folder.
 
     Parameters
@@ -108,11 +112,12 @@ def train_diagnoser(
 
     Returns
     -------
-    list of dict
-        The metrics, one dict an epoch.
+    list of EpochMetrics
+        The metrics of each epoch.
     """
-    options = {
-        "out": folder(out, "out"),
+    arguments = {
+        "data": data,
+        "out": out,
         "method": method,
         "timesteps": timesteps,
         "rollouts": rollouts,
@@ -121,7 +126,7 @@ def train_diagnoser(
         "threads": threads,
         "set": set,
     }
-    return invoke(["diagnose", "train"], options, callback, folders=[data])
+    return [EpochMetrics.from_dict(told) for told in invoke("train_diagnoser", arguments, callback)]
 
 
 def evaluate_diagnoser(
@@ -131,7 +136,7 @@ def evaluate_diagnoser(
     episodes: int | None = None,
     threads: int | None = None,
     robot_changed: RobotChanged | None = None,
-) -> list[dict[str, Any]]:
+) -> list[DiagnoserReport]:
     """Test diagnosers on datasets of another seed than their training data.
 
     Parameters
@@ -151,15 +156,18 @@ def evaluate_diagnoser(
 
     Returns
     -------
-    list of dict
-        One for each model and dataset: ``summary``, ``classes``, ``class_accuracy`` and ``cost``, or None.
+    list of DiagnoserReport
+        One for each model and dataset.
     """
-    options = {
-        "data": sequence(data, "data"),
+    if episodes is not None and policy is None:
+        raise ConfigError("episodes are those of a policy; give its run folder as policy, too")
+    arguments = {
+        "models": models,
+        "data": data,
         "policy": policy,
         "episodes": episodes,
         "threads": threads,
         "robot_changed": robot_changed,
     }
-    found: list[dict[str, Any]] = only(invoke(["diagnose", "test"], options, folders=models))
-    return found
+    (told,) = invoke("evaluate_diagnoser", arguments)
+    return [DiagnoserReport.from_dict(one) for one in told]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from os import PathLike
 from typing import Any, Literal, TypeAlias, TypedDict
 
-__all__ = ["Callback", "Folder", "RobotChanged", "Simulation", "TrainingOptions"]
+from dappo_batch._core import ConfigError
+
+__all__ = ["FLAGS", "Callback", "Folder", "RobotChanged", "Simulation", "TrainingOptions", "renamed"]
 
 Folder: TypeAlias = str | bytes | PathLike[str]
 """A path of the file system; as bytes it need not be UTF-8."""
@@ -31,12 +34,17 @@ class Simulation(TypedDict, total=False):
         ``f32`` or ``f64``, of the backend ``lanes``.
     threads : int
         Worker threads; all cores if left out.
+    njmax, nconmax : int
+        On a GPU, room for the constraints of an env, and for contacts, an env on average; what a limbed robot
+        can need at most if left out.
     """
 
     device: str
     backend: str
     precision: str
     threads: int
+    njmax: int
+    nconmax: int
 
 
 class TrainingOptions(Simulation, total=False):
@@ -48,10 +56,10 @@ class TrainingOptions(Simulation, total=False):
         Built-in robot or path of a robot TOML.
     config : path-like
         Configuration file instead of the robot's own.
-    envs : int
-        Number of environments simulated at once, N.
-    steps : int
-        Env steps of the whole run.
+    num_envs : int
+        Number of environments simulated at once, N; the flag ``--envs``.
+    total_steps : int
+        Env steps of the whole run; the flag ``--steps``.
     seed : int
         Seed of all random streams.
     learner : str
@@ -68,8 +76,8 @@ class TrainingOptions(Simulation, total=False):
 
     robot: str
     config: Folder
-    envs: int
-    steps: int
+    num_envs: int
+    total_steps: int
     seed: int
     learner: str
     unaware: bool
@@ -77,3 +85,23 @@ class TrainingOptions(Simulation, total=False):
     reward: str
     physics: str
     set: Mapping[str, Any]
+
+
+FLAGS: Mapping[str, str] = {"envs": "num_envs", "steps": "total_steps"}
+"""Options whose flags have other names. Functions had them too, and still take them with a warning."""
+
+
+def renamed(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options under their own names; those of flags are replaced, with a warning.
+
+    Raises
+    ------
+    ConfigError
+        If an option is given by both names.
+    """
+    for flag in FLAGS.keys() & options.keys():
+        if FLAGS[flag] in options:
+            raise ConfigError(f"{FLAGS[flag]} is given twice, also by its old name {flag}")
+        # Of the caller's caller, which is the program's.
+        warnings.warn(f"the option {flag} is called {FLAGS[flag]} now", FutureWarning, stacklevel=3)
+    return {FLAGS.get(name, name): value for name, value in options.items()}

@@ -5,14 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from typing import Any
 
 from dappo_batch._core import DappoError
 
 __all__ = ["written"]
 
 
-def written(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
+def written(command: Callable[..., int], **arguments: Any) -> int:  # noqa: ANN401 - those of `command`
     """Run a command, and see to it that what it prints is written.
 
     A closed pipe is no failure: whoever read it has seen enough.
@@ -23,7 +24,7 @@ def written(main: Callable[[Sequence[str]], int], argv: Sequence[str]) -> int:
         If standard output cannot be written.
     """
     try:
-        code = main(argv)
+        code = command(**arguments)
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:

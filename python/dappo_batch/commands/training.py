@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
-from dappo_batch._checks import folder, sequence
-from dappo_batch.commands.invoke import invoke, only
-from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions
+from dappo_batch._checks import folder
+from dappo_batch.commands.invoke import invoke
+from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions, renamed
+from dappo_batch.commands.results import EvaluationReport
 from dappo_batch.runs import Run, load_run
 
 __all__ = ["evaluate", "resume", "train"]
@@ -37,19 +38,20 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     SimulationError
         If the simulation cannot be set up, or the training diverges; see `resume`.
     """
-    invoke(["train"], {"run": folder(run, "run"), **options}, callback)
+    invoke("train", {"run": folder(run, "run"), **renamed(options)}, callback)
     return load_run(run)
 
 
 def resume(
     run: Folder,
     *,
-    steps: int | None = None,
+    total_steps: int | None = None,
     threads: int | None = None,
     learner: str | None = None,
     set: Mapping[str, Any] | None = None,
     robot_changed: RobotChanged | None = None,
     callback: Callback | None = None,
+    steps: int | None = None,
 ) -> Run:
     """Go on with a training from its newest checkpoint.
 
@@ -57,7 +59,7 @@ def resume(
     ----------
     run
         The run folder.
-    steps
+    total_steps
         Env steps of the whole run, if its budget is to be another one.
     threads
         Worker threads; all cores if left out.
@@ -71,6 +73,8 @@ def resume(
         has it, ``"use-file"`` with the file as it is now, of which the run then keeps a copy.
     callback
         Told the metrics of each iteration.
+    steps
+        Old name of `total_steps`.
 
     Returns
     -------
@@ -87,15 +91,16 @@ def resume(
     SimulationError
         If the training diverges. The newest checkpoint stays as it is; `set` can lower the learning rates.
     """
-    options = {
+    budgets = {"total_steps": total_steps, "steps": steps}
+    arguments = {
         "resume": folder(run, "run"),
-        "steps": steps,
+        **renamed({name: budget for name, budget in budgets.items() if budget is not None}),
         "threads": threads,
         "learner": learner,
         "set": set,
         "robot_changed": robot_changed,
     }
-    invoke(["train"], options, callback)
+    invoke("train", arguments, callback)
     return load_run(run)
 
 
@@ -107,7 +112,7 @@ def evaluate(
     seed: int | None = None,
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
-) -> dict[str, Any]:
+) -> EvaluationReport:
     """Run policies on every damage class; tables go into ``eval/`` of their runs.
 
     Parameters
@@ -129,16 +134,17 @@ def evaluate(
 
     Returns
     -------
-    dict
+    EvaluationReport
         ``runs`` and ``others``, evaluations by class and group, and ``comparison``, or None.
     """
-    options = {
-        "compare": sequence(compare, "compare"),
+    arguments = {
+        "runs": runs,
+        "compare": compare,
         "encoding": encoding,
         "episodes": episodes,
         "seed": seed,
         "robot_changed": robot_changed,
         **simulation,
     }
-    report: dict[str, Any] = only(invoke(["evaluate"], options, folders=runs))
-    return report
+    (told,) = invoke("evaluate", arguments)
+    return EvaluationReport.from_dict(told)

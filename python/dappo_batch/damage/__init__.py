@@ -1,10 +1,12 @@
-"""Damage types. Each lies in its own file; a new one is added to `DAMAGE_TYPES` and named in a robot TOML."""
+"""Damage types. Each lies in its own file; programs add their own with `register_damage_type`."""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, fields
-from typing import TYPE_CHECKING, Any, cast
+import re
+from dataclasses import MISSING, Field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
+from dappo_batch._checks import shown
 from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
 from dappo_batch.damage.jammed_joint import JammedJoint
@@ -14,10 +16,18 @@ from dappo_batch.damage.weak_motor import WeakMotor
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["DAMAGE_TYPES", "DamageType", "JammedJoint", "MissingToe", "WeakMotor", "make_damage_type"]
+__all__ = [
+    "DAMAGE_TYPES",
+    "DamageType",
+    "JammedJoint",
+    "MissingToe",
+    "WeakMotor",
+    "make_damage_type",
+    "register_damage_type",
+]
 
 DAMAGE_TYPES: dict[str, type[DamageType]] = {kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor)}
-"""Damage types by name. A program may add its own before it compiles a class table."""
+"""Damage types by name; `register_damage_type` adds to them."""
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "int": (int,),
@@ -25,6 +35,66 @@ _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "bool": (bool,),
     "str": (str,),
 }
+
+
+_Kind = TypeVar("_Kind", bound=type[DamageType])
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+_RESERVED = ("max_damaged_limbs", "severity", "types")
+"""Names of other settings of damage."""
+
+
+def register_damage_type(kind: _Kind) -> _Kind:
+    """Make a damage type known by its name: to robot TOMLs, configurations and damage specs of this process.
+
+    Parameters
+    ----------
+    kind : type
+        A frozen dataclass derived from `DamageType`. One with the module and name of an earlier one takes its
+        place, as when the cell of a notebook runs again.
+
+    Returns
+    -------
+    type
+        `kind` itself, so that this can be a decorator, above ``@dataclass(frozen=True)``.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such class, or its name cannot be used or belongs to another type.
+
+    Examples
+    --------
+    >>> @register_damage_type
+    ... @dataclass(frozen=True)
+    ... class RustyJoints(DamageType):
+    ...     name: ClassVar[str] = "rusty_joints"
+    ...     factor: float
+    ...     def apply(self, spec, limb, severity):
+    ...         for name in limb.joints:
+    ...             spec.joint(name).damping *= 1 + severity * (self.factor - 1)
+    """
+    if not (isinstance(kind, type) and issubclass(kind, DamageType)):
+        raise ConfigError(f"a damage type must be a class derived from DamageType, got {shown(kind)}")
+    owner = f"the damage type {kind.__qualname__}"
+    if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
+        raise ConfigError(f"{owner} must be a dataclass: write @dataclass(frozen=True) above it")
+    if kind.__abstractmethods__:
+        raise ConfigError(f"{owner} must define {', '.join(sorted(kind.__abstractmethods__))}")
+    name = getattr(kind, "name", None)
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name in _RESERVED:
+        raise ConfigError(
+            f"{owner} must have a name of lower-case letters, digits and _, other than"
+            f" {', '.join(_RESERVED)}, got {shown(name)}"
+        )
+    known = DAMAGE_TYPES.get(name)
+    if known and (known.__module__, known.__qualname__) != (kind.__module__, kind.__qualname__):
+        raise ConfigError(
+            f"{owner}: the name {name!r} belongs to {known.__module__}.{known.__qualname__}; choose another"
+        )
+    DAMAGE_TYPES[name] = kind
+    return kind
 
 
 def make_damage_type(name: str, options: Mapping[str, Any]) -> DamageType:

@@ -3,43 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import get_args
 
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode
 
 from dappo_batch import _core
 from dappo_batch._checks import boolean, choice, integer, real, shown, text
-from dappo_batch.class_table import ClassTable, compile_class_table
 from dappo_batch.envs.arguments import (
     MOST_STEPS,
     MOST_THREADS,
-    Damage,
-    Seed,
+    autoreset_mode,
     class_weights,
     fresh_keys,
     onset_range,
     stream_keys,
 )
+from dappo_batch.envs.options import Backend, Device, Precision, RobotLike, VectorEnvOptions
+from dappo_batch.model import ClassTable, compile_class_table
 from dappo_batch.render.live import LivePainter
 from dappo_batch.robots import Robot
-
-RobotLike: TypeAlias = str | Path | Robot | ClassTable
-"""A shipped robot's name, the path of a robot TOML, a loaded robot, or its compiled class table."""
-
-Physics: TypeAlias = Literal["rk4", "euler"]
-"""Integrator of the physics."""
-
-Device: TypeAlias = Literal["auto", "cpu", "cuda", "warp-cpu"]
-"""Where the physics is computed; ``"warp-cpu"`` runs the kernels of a GPU on the CPU, slowly."""
-
-Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
-"""What simulates on the CPU; ``"auto"`` is the lane engine wherever it knows everything about the robot."""
-
-Precision: TypeAlias = Literal["f32", "f64"]
-"""Floating-point format of the lane engine."""
-
 
 RGB_ARRAY = "rgb_array"
 """The render mode of all environments."""
@@ -67,9 +50,7 @@ def painter(table: ClassTable) -> LivePainter:
     return LivePainter(table.models, camera, *PICTURE_SIZE)
 
 
-def class_table(
-    robot: RobotLike, *, max_damaged_limbs: int | None, severity: float, physics: Physics | None
-) -> ClassTable:
+def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
     """Return the compiled damage classes of `robot`, or `robot` itself where it is a class table.
 
     Raises
@@ -81,12 +62,11 @@ def class_table(
         raise _core.ConfigError(
             f"robot must be a name, the path of a robot TOML, a Robot or a ClassTable, got {shown(robot)}"
         )
-    severity = real(severity, "severity")
+    severity = real(options["severity"], "severity")
+    limit, physics = options["max_damaged_limbs"], options["physics"]
     if not isinstance(robot, ClassTable):
-        return compile_class_table(
-            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
-        )
-    if max_damaged_limbs is not None or physics is not None or severity not in (1.0, robot.severity):
+        return compile_class_table(robot, max_damaged_limbs=limit, severity=severity, physics=physics)
+    if limit is not None or physics is not None or severity not in (1.0, robot.severity):
         raise _core.ConfigError(
             "a compiled class table fixes max_damaged_limbs, severity and physics; "
             "pass them to compile_class_table"
@@ -94,22 +74,7 @@ def class_table(
     return robot
 
 
-def native_env(
-    table: ClassTable,
-    *,
-    num_envs: int,
-    damage: Damage,
-    reward: str | None,
-    observe_damage: bool,
-    autoreset: AutoresetMode,
-    seed: Seed,
-    threads: int | None,
-    onset: int | tuple[int, int],
-    max_episode_steps: int | None,
-    device: Device,
-    backend: Backend,
-    precision: Precision,
-) -> _core.VectorEnv:
+def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _core.VectorEnv:
     """Check the arguments and start the simulation of `num_envs` environments.
 
     Raises
@@ -117,9 +82,7 @@ def native_env(
     ConfigError, ShapeError
         If an argument is out of range or names something that does not exist.
     """
-    if max_episode_steps is not None:
-        max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1, MOST_STEPS)
-    keys = fresh_keys(num_envs)
+    keys, seed, reward = fresh_keys(num_envs), options["seed"], options["reward"]
     if seed is not None:
         given_keys, given = stream_keys(seed, num_envs)
         keys = np.where(given, given_keys, keys)
@@ -128,16 +91,22 @@ def native_env(
         num_envs=num_envs,
         seeds=keys,
         reward=None if reward is None else text(reward, "reward"),
-        observe_damage=boolean(observe_damage, "observe_damage"),
-        autoreset=autoreset.name.lower(),
-        max_episode_steps=max_episode_steps,
-        class_weights=class_weights(table.space, damage),
-        onset=onset_range(onset),
-        threads=None if threads is None else integer(threads, "threads", 1, MOST_THREADS),
-        device=choice(device, "device", get_args(Device)),
-        backend=choice(backend, "backend", get_args(Backend)),
-        precision=choice(precision, "precision", get_args(Precision)),
+        observe_damage=boolean(options["observe_damage"], "observe_damage"),
+        autoreset=autoreset_mode(options["autoreset"]).name.lower(),
+        max_episode_steps=_size(options["max_episode_steps"], "max_episode_steps"),
+        class_weights=class_weights(table.space, options["damage"]),
+        onset=onset_range(options["onset"]),
+        threads=_size(options["threads"], "threads", MOST_THREADS),
+        device=choice(options["device"], "device", get_args(Device)),
+        backend=choice(options["backend"], "backend", get_args(Backend)),
+        precision=choice(options["precision"], "precision", get_args(Precision)),
+        njmax=_size(options["njmax"], "njmax"),
+        nconmax=_size(options["nconmax"], "nconmax"),
     )
+
+
+def _size(value: object, name: str, most: int = MOST_STEPS) -> int | None:
+    return None if value is None else integer(value, name, 1, most)
 
 
 def spaces(core: _core.VectorEnv) -> tuple[Box[np.float32], Box[np.float32]]:

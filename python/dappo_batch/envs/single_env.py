@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -11,35 +11,25 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch._checks import boolean, integer
-from dappo_batch._core import SimulationError
-from dappo_batch._pickling import NotPicklable
-from dappo_batch.envs.arguments import Damage, ResetOptions, action_batch, state, stream_keys
+from dappo_batch.envs.arguments import ResetOptions, action_batch, state, stream_keys
 from dappo_batch.envs.errors import ResetNeededError
-from dappo_batch.envs.simulation import (
-    RGB_ARRAY,
-    Backend,
-    Physics,
-    Precision,
-    RobotLike,
-    checked_render_mode,
-    class_table,
-    native_env,
-    painter,
-    spaces,
-    step_seconds,
-)
-from dappo_batch.envs.vector_env import SavedState, saved_core
-from dappo_batch.render.live import LivePainter
+from dappo_batch.envs.native import NativeEnv, SavedState
+from dappo_batch.envs.options import EnvOptions, RobotLike, completed
+from dappo_batch.envs.simulation import spaces
 
 NO_TIME_LIMIT = 2**31 - 1
 
 
-class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One robot whose damage class is drawn anew for every episode.
 
-    The parameters are those of `DamageVectorEnv`, with two differences: `max_episode_steps` left out
-    means no time limit inside the env, because ``gymnasium.make`` adds the robot's limit as its
-    ``TimeLimit`` wrapper; and `render_mode` may be ``"rgb_array"``.
+    Parameters
+    ----------
+    robot : str, Path, Robot or ClassTable
+        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or something already loaded or compiled.
+    **options
+        See `EnvOptions`. Unlike in `DamageVectorEnv`, `max_episode_steps` left out means no time limit inside
+        the env, because ``gymnasium.make`` adds the robot's limit as its ``TimeLimit`` wrapper.
 
     Attributes
     ----------
@@ -64,52 +54,14 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         "make one with the same arguments, in the process that uses it: vector envs of processes take "
         "functions that make envs"
     )
-    metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
 
-    def __init__(
-        self,
-        robot: RobotLike = "ant",
-        *,
-        damage: Damage = "uniform",
-        reward: str | None = None,
-        observe_damage: bool = True,
-        seed: int | None = None,
-        onset: int | tuple[int, int] = (0, 0),
-        max_episode_steps: int | None = None,
-        severity: float = 1.0,
-        max_damaged_limbs: int | None = None,
-        physics: Physics | None = None,
-        render_mode: str | None = None,
-        backend: Backend = "auto",
-        precision: Precision = "f32",
-    ) -> None:
-        self.render_mode = checked_render_mode(render_mode)
-        self.table = class_table(
-            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
-        )
-        self._core = native_env(
-            self.table,
-            num_envs=1,
-            damage=damage,
-            reward=reward,
-            observe_damage=observe_damage,
-            autoreset=AutoresetMode.DISABLED,
-            seed=seed,
-            threads=1,
-            onset=onset,
-            max_episode_steps=NO_TIME_LIMIT if max_episode_steps is None else max_episode_steps,
-            device="cpu",
-            backend=backend,
-            precision=precision,
-        )
+    def __init__(self, robot: RobotLike = "ant", **options: Unpack[EnvOptions]) -> None:
+        chosen = completed(type(self).__name__, options, EnvOptions)
+        chosen |= {"autoreset": AutoresetMode.DISABLED, "threads": 1}
+        if chosen["max_episode_steps"] is None:
+            chosen["max_episode_steps"] = NO_TIME_LIMIT
+        self._start(robot, 1, chosen)
         self.observation_space, self.action_space = spaces(self._core)
-        self.metadata = {
-            "render_modes": [RGB_ARRAY],
-            "render_fps": max(1, round(1.0 / step_seconds(self.table))),
-        }
-        self._was_reset = False
-        self._closed = False
-        self._painter: LivePainter | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -207,13 +159,8 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         SimulationError
             If the env is closed.
         """
-        self._check_open()
-        if self.render_mode is None:
-            return None
-        if self._painter is None:
-            self._painter = painter(self.table)
-        qpos, _ = self._core.get_state()
-        return self._painter.draw(int(self._core.damage_class[0]), qpos[0])
+        pictures = self._pictures()
+        return None if pictures is None else pictures[0]
 
     def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the generalised positions [nq] (m, rad) and velocities [nv] (m/s, rad/s).
@@ -261,29 +208,16 @@ class DamageEnv(NotPicklable, gymnasium.Env[NDArray[np.float32], NDArray[np.floa
         self._core.set_state(positions[np.newaxis], velocities[np.newaxis], at_rest)
         return self._obs()
 
-    def save_state(self) -> SavedState:
-        """Return everything that the next steps depend on; see `DamageVectorEnv.save_state`."""
-        self._check_open()
-        return SavedState(self._core.save_state(), self._was_reset, np.zeros(1, dtype=np.bool_))
-
     def restore_state(self, state: SavedState) -> NDArray[np.float32]:
         """Go back to a saved state and return its observation [O]; see `DamageVectorEnv.restore_state`."""
-        self._check_open()
-        self._core.restore_state(saved_core(state))
-        self._was_reset = True
+        self._restore(state)
         return self._obs()
 
     def close(self) -> None:
         """Free the native memory and the renderer; may be called again."""
-        if not self._closed:
-            self._closed = True
-            if self._painter is not None:
-                self._painter.close()
-            self._core.close()
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise SimulationError("this env is closed")
+        if not self.closed:
+            self.closed = True
+            self._free()
 
     def _obs(self) -> NDArray[np.float32]:
         obs: NDArray[np.float32] = self._core.obs[0].copy()

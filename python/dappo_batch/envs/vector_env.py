@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -12,12 +11,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch._checks import boolean, integer
-from dappo_batch._core import ConfigError, EnvState, SimulationError
-from dappo_batch._pickling import NotPicklable
 from dappo_batch.envs.arguments import (
     MOST_ENVS,
-    MOST_STEPS,
-    Damage,
     ResetOptions,
     Seed,
     action_batch,
@@ -26,52 +21,14 @@ from dappo_batch.envs.arguments import (
     stream_keys,
 )
 from dappo_batch.envs.errors import ResetNeededError
-from dappo_batch.envs.simulation import (
-    RGB_ARRAY,
-    Backend,
-    Device,
-    Physics,
-    Precision,
-    RobotLike,
-    checked_render_mode,
-    class_table,
-    native_env,
-    painter,
-    spaces,
-    step_seconds,
-)
-from dappo_batch.render.live import LivePainter
+from dappo_batch.envs.native import NativeEnv, SavedState
+from dappo_batch.envs.options import RobotLike, VectorEnvOptions, completed
+from dappo_batch.envs.simulation import spaces
 
 Infos = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class SavedState(NotPicklable):
-    """What `DamageVectorEnv.save_state` returns: everything that the next steps of its envs depend on."""
-
-    _instead: ClassVar[str] = "keep it in the process of its envs"
-
-    core: EnvState = field(repr=False)
-    was_reset: bool
-    ended: NDArray[np.bool_] = field(repr=False)
-
-
-def saved_core(state: SavedState) -> EnvState:
-    """Return the native part of a saved state.
-
-    Raises
-    ------
-    ConfigError
-        If it is none, or was saved before the first reset.
-    """
-    if not isinstance(state, SavedState):
-        raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
-    if not state.was_reset:
-        raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
-    return state.core
-
-
-class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """N independent episodes of one robot, each with its own damage class.
 
     The envs live in native memory and are stepped by a pool of threads; results do not depend on the
@@ -84,46 +41,8 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         ``"ant"``, ``"hexapod"``, the path of a robot TOML, or something already loaded or compiled.
     num_envs : int
         Number of environments N.
-    damage : str, int, sequence, mapping or array
-        Where each episode's damage class is drawn from: ``"uniform"`` over all D classes, ``"healthy"``
-        or another class (id or spec string), a sequence of classes, a mapping class → weight, or an
-        array of D weights.
-    reward : str, optional
-        Name of a reward in the robot TOML (``"paper"``, ``"gym"``); its default if left out.
-    observe_damage : bool
-        Append the damage code of the class in force to every observation.
-    autoreset : str or AutoresetMode
-        ``"next_step"``, ``"same_step"`` or ``"disabled"``, with Gymnasium's meaning.
-    seed : int or sequence of int, optional
-        Random streams to begin with, as in `reset`; from entropy if left out.
-    threads : int, optional
-        Worker threads; all cores if left out.
-    onset : int or (int, int)
-        Episode step at which the damage strikes, or the inclusive range it is drawn from; 0 = at reset.
-    max_episode_steps : int, optional
-        Steps after which an episode is truncated; the robot's own limit if left out.
-    severity : float
-        In (0, 1]; 1 is the full damage.
-    max_damaged_limbs : int, optional
-        Most limbs damaged at once; the robot's own number if left out.
-    physics : {"rk4", "euler"}, optional
-        Integrator; the one in the robot's MJCF if left out.
-    copy : bool
-        If false, every returned array is a view of native memory, valid until the next `step`, `reset` or
-        `set_state`, which overwrites it while other Python threads run: none may read it meanwhile.
-    device : {"cpu", "cuda", "auto", "warp-cpu"}
-        Where. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single precision; it needs the extra
-        ``gpu``. ``"auto"`` takes it where it can; ``"warp-cpu"`` runs the same kernels on the CPU, slowly.
-    backend : {"auto", "lanes", "mujoco"}
-        What simulates on the CPU. ``"lanes"`` computes MuJoCo's equations for several robots at once and is
-        many times faster; it knows limbed robots on a level floor and refuses all others. ``"mujoco"`` is
-        libmujoco and knows every robot. ``"auto"`` takes ``"lanes"`` wherever it can; `backend_note` says why
-        it cannot.
-    precision : {"f32", "f64"}
-        Floating-point format of ``"lanes"``: ``"f32"`` is faster, ``"f64"`` equals MuJoCo up to rounding.
-        ``"mujoco"`` always computes in double precision.
-    render_mode : {"rgb_array"}, optional
-        What `render` returns; nothing if left out.
+    **options
+        See `VectorEnvOptions`.
 
     Attributes
     ----------
@@ -154,72 +73,27 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         "make one with the same arguments in the process that uses it, and carry the robots over with "
         "get_state and set_state"
     )
-    metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
 
     def __init__(
-        self,
-        robot: RobotLike = "ant",
-        num_envs: int = 1,
-        *,
-        damage: Damage = "uniform",
-        reward: str | None = None,
-        observe_damage: bool = True,
-        autoreset: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        seed: Seed = None,
-        threads: int | None = None,
-        onset: int | tuple[int, int] = (0, 0),
-        max_episode_steps: int | None = None,
-        severity: float = 1.0,
-        max_damaged_limbs: int | None = None,
-        physics: Physics | None = None,
-        copy: bool = True,
-        device: Device = "cpu",
-        backend: Backend = "auto",
-        precision: Precision = "f32",
-        render_mode: str | None = None,
+        self, robot: RobotLike = "ant", num_envs: int = 1, **options: Unpack[VectorEnvOptions]
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode)
+        chosen = completed(type(self).__name__, options, VectorEnvOptions)
         self.num_envs = integer(num_envs, "num_envs", 1, MOST_ENVS)
-        self.autoreset_mode = autoreset_mode(autoreset)
-        self.table = class_table(
-            robot, max_damaged_limbs=max_damaged_limbs, severity=severity, physics=physics
-        )
-        self.observe_damage = boolean(observe_damage, "observe_damage")
-        self.copy = boolean(copy, "copy")
-        if max_episode_steps is None:
-            max_episode_steps = self.table.robot.spec["max_episode_steps"]
-        self.max_episode_steps = integer(max_episode_steps, "max_episode_steps", 1, MOST_STEPS)
-        self._core = native_env(
-            self.table,
-            num_envs=self.num_envs,
-            damage=damage,
-            reward=reward,
-            observe_damage=self.observe_damage,
-            autoreset=self.autoreset_mode,
-            seed=seed,
-            threads=threads,
-            onset=onset,
-            max_episode_steps=self.max_episode_steps,
-            device=device,
-            backend=backend,
-            precision=precision,
-        )
+        self.autoreset_mode = autoreset_mode(chosen["autoreset"])
+        self.copy = boolean(chosen["copy"], "copy")
+        self._start(robot, self.num_envs, chosen)
+        self.observe_damage = boolean(chosen["observe_damage"], "observe_damage")
+        limit = chosen["max_episode_steps"]
+        self.max_episode_steps = int(self.table.robot.spec["max_episode_steps"] if limit is None else limit)
+        self.metadata["autoreset_mode"] = self.autoreset_mode
         self.single_observation_space, self.single_action_space = spaces(self._core)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.metadata = {
-            "render_modes": [RGB_ARRAY],
-            "render_fps": max(1, round(1.0 / step_seconds(self.table))),
-            "autoreset_mode": self.autoreset_mode,
-        }
         self._action_shape = (self.num_envs, self._core.action_dim)
         self._all_envs = np.ones(self.num_envs, dtype=np.bool_)
         self._all_envs.flags.writeable = False  # handed out as an info mask when copy=False
         self._severity = np.full(self.num_envs, self.table.severity)
         self._severity.flags.writeable = False
-        self._painter: LivePainter | None = None
-        self._was_reset = False
-        self._ended = np.zeros(self.num_envs, dtype=np.bool_)  # episodes waiting for a reset by the user
 
     @property
     def num_threads(self) -> int:
@@ -432,21 +306,6 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         self._core.set_state(positions, velocities, boolean(at_rest, "at_rest"))
         return self._give(self._core.obs)
 
-    def save_state(self) -> SavedState:
-        """Return everything that the next steps depend on, to go back to with `restore_state`.
-
-        Unlike positions and velocities it holds activations of actuators, delayed signals, the start of the
-        solver, and the episodes: their steps, damage and random streams. The same actions then give the
-        same steps, to the bit.
-
-        Raises
-        ------
-        SimulationError
-            If the env is closed.
-        """
-        self._check_open()
-        return SavedState(self._core.save_state(), self._was_reset, self._ended.copy())
-
     def restore_state(self, state: SavedState) -> NDArray[np.float32]:
         """Go back to a state that an env of the same robot, backend, precision and number of envs has saved.
 
@@ -464,10 +323,7 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         SimulationError
             If the env is closed.
         """
-        self._check_open()
-        self._core.restore_state(saved_core(state))
-        self._was_reset = True
-        self._ended = state.ended.copy()
+        self._restore(state)
         return self._give(self._core.obs)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -482,26 +338,11 @@ class DamageVectorEnv(NotPicklable, VectorEnv[NDArray[np.float32], NDArray[np.fl
         SimulationError
             If the env is closed.
         """
-        self._check_open()
-        if self.render_mode is None:
-            return None
-        if self._painter is None:
-            self._painter = painter(self.table)
-        qpos, _ = self._core.get_state()
-        classes = self._core.damage_class.tolist()
-        return tuple(self._painter.draw(*shown) for shown in zip(classes, qpos, strict=True))
+        return self._pictures()
 
     def close_extras(self) -> None:
         """Free the native memory; called by `close`."""
-        drawing: LivePainter | None = getattr(self, "_painter", None)
-        if drawing is not None:
-            drawing.close()
-        if hasattr(self, "_core"):
-            self._core.close()
-
-    def _check_open(self) -> None:
-        if self.closed:
-            raise SimulationError("this vector env is closed")
+        self._free()
 
     def _give(self, array: NDArray[Any]) -> NDArray[Any]:
         return array.copy() if self.copy else array

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import errno
-import importlib.util
 import socket
 import sys
 import time
@@ -14,6 +13,7 @@ import mujoco
 import numpy as np
 
 from dappo_batch._checks import integer, text
+from dappo_batch._extras import require
 from dappo_batch.render.camera import View
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
@@ -34,17 +34,16 @@ def check_browser(host: str = "localhost", port: int = 8080) -> None:
 
     Raises
     ------
+    MissingExtraError
+        If packages are missing.
     RenderError
-        If so.
+        If nothing can be served there.
     ConfigError
         If one is no host or no port.
     """
     text(host, "host")
     integer(port, "port", 0, 65535)
-    if importlib.util.find_spec("mjviser") is None:
-        raise RenderError(
-            "mjviser is not installed, which pages with walks need: pip install 'dappo-batch[viewer]'"
-        )
+    require("viewer", "pages with walks")
     try:
         socket.create_server((host, port)).close()
     except (OSError, TypeError, ValueError) as error:
@@ -67,7 +66,7 @@ def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
 
     Raises
     ------
-    RenderError
+    MissingExtraError, RenderError
         If packages are missing or the page cannot be served.
     """
     of_walk(walk)

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from dappo_batch._core import ConfigError
-from dappo_batch.class_table import ClassTable
+from dappo_batch.model import ClassTable
 
 __all__ = ["View", "view"]
 
@@ -52,11 +51,6 @@ def view(table: ClassTable, states: NDArray[np.float64], step_seconds: float) ->
         Positions of all states, [T, nq].
     step_seconds : float
         Time between two of them, s.
-
-    Raises
-    ------
-    ConfigError
-        If the MJCF lacks the camera that the robot file names.
     """
     model = table.models[0]
     data = mujoco.MjData(model)
@@ -70,8 +64,6 @@ def view(table: ClassTable, states: NDArray[np.float64], step_seconds: float) ->
         fovy, looked_at = float(model.vis.global_.fovy), np.array(free.lookat)
     else:
         camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
-        if camera < 0:
-            raise ConfigError(f"{table.robot.name}: the MJCF has no camera {name!r}, which [pictures] names")
         ahead = -data.cam_xmat[camera].reshape(3, 3)[:, 2]
         azimuth = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
         elevation = float(np.degrees(np.arcsin(ahead[2])))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch.render.walk import Walk
+from dappo_batch.results import Event
 
 __all__ = ["Caption", "beliefs", "captions"]
 
@@ -30,10 +31,11 @@ def captions(walk: Walk) -> list[Caption]:
     names = [item.name for item in walk.table.space.classes]
     count = len(walk.states)
     speeds = _speeds(walk, count)
+    events = walk.happened
     believed = (
         [walk.note] * count
-        if walk.events is None
-        else [f"controller: {belief}" for belief in beliefs(walk.events, walk.known_names or names, count)]
+        if events is None
+        else [f"controller: {belief}" for belief in beliefs(events, walk.known_names or names, count)]
     )
     return [
         Caption(
@@ -46,7 +48,7 @@ def captions(walk: Walk) -> list[Caption]:
     ]
 
 
-def beliefs(events: Sequence[Mapping[str, Any]], names: Sequence[str], count: int) -> list[str]:
+def beliefs(events: Sequence[Event], names: Sequence[str], count: int) -> list[str]:
     """Return what a controller believes in each of the first `count` states.
 
     Parameters
@@ -61,18 +63,19 @@ def beliefs(events: Sequence[Mapping[str, Any]], names: Sequence[str], count: in
     believed, lost, said = "healthy", False, []
     waiting = list(events)
     for step in range(count):
-        while waiting and waiting[0]["step"] <= step:
+        while waiting and waiting[0].step <= step:
             event = waiting.pop(0)
-            match event["event"]:
+            name = "" if event.damage_class is None else names[event.damage_class]
+            match event.kind:
                 case "suspected":
                     believed = "examining …"
                 case "diagnosed":
-                    word = "diagnosis" if event["accepted"] else "not sure"
-                    believed = f"{word}: {names[event['class']]} ({100 * event['confidence']:.0f} %)"
+                    word = "diagnosis" if event.accepted else "not sure"
+                    believed = f"{word}: {name} ({100 * (event.confidence or 0.0):.0f} %)"
                 case "withdrawn":
-                    believed = f"not {names[event['class']]}: taken for healthy"
+                    believed = f"not {name}: taken for healthy"
                 case "readings_lost" | "readings_back":
-                    lost = event["event"] == "readings_lost"
+                    lost = event.kind == "readings_lost"
         said.append(f"{believed}, readings lost" if lost else believed)
     return said
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import secrets
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch import _extras
 from dappo_batch._checks import boolean, folder, integer, sequence, shown
 from dappo_batch._core import ConfigError
 from dappo_batch.render.captions import captions
@@ -26,8 +26,7 @@ from dappo_batch.render.walk import Walk, of_walk
 __all__ = ["INSTALL", "check", "frames", "lacking", "write"]
 
 MOST_PIXELS = 16384
-_PACKAGES = {"PIL": "pillow", "av": "av"}
-INSTALL = "pip install 'dappo-batch[video]'"
+INSTALL = _extras.install("video")
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def check(path: str | bytes | PathLike[str]) -> Path:
     ------
     ConfigError
         If its ending is none of ``.mp4``, ``.gif`` and ``.png``, or its folder does not exist.
-    RenderError
+    MissingExtraError
         If packages are missing.
     """
     file = folder(path, "path")
@@ -65,15 +64,13 @@ def check(path: str | bytes | PathLike[str]) -> Path:
         raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
     if not file.parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
-    if missing := lacking():
-        verb = "is" if len(missing) == 1 else "are"
-        raise RenderError(f"{' and '.join(missing)} {verb} not installed, which pictures need: {INSTALL}")
+    _extras.require("video", "pictures")
     return file
 
 
 def lacking() -> list[str]:
     """Return the packages of the extra ``video`` that are not installed."""
-    return [name for module, name in _PACKAGES.items() if importlib.util.find_spec(module) is None]
+    return _extras.lacking("video")
 
 
 def write(
@@ -100,8 +97,8 @@ def write(
     ------
     ConfigError
         If the path or the size cannot be used.
-    RenderError
-        If nothing can be drawn here; the message says what to install.
+    MissingExtraError, RenderError
+        If packages are missing, or nothing can be drawn here; the message says what to install.
     """
     file = check(path)
     kind = file.suffix.lower()

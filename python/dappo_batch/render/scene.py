@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from dappo_batch.class_table import ClassTable
+from dappo_batch.model import ClassTable
 from dappo_batch.render.camera import View, view
 from dappo_batch.render.walk import Walk
 

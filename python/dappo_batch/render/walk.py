@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dappo_batch._checks import array, integer, mapping, sequence, shown, text
+from dappo_batch._checks import array, integer, sequence, shown, text
 from dappo_batch._core import ConfigError, ShapeError
-from dappo_batch.class_table import ClassTable
+from dappo_batch.model import ClassTable
+from dappo_batch.results import Event
 
 __all__ = ["Walk"]
 
@@ -33,8 +34,9 @@ class Walk:
         Step before which the robot is healthy.
     forward_velocity : array_like, optional
         Velocity along +x in every step, m/s, [T].
-    events : sequence of mapping, optional
-        What a `Controller` did, its ``events`` of this robot, counted from the first state on.
+    events : sequence of Event or mapping, optional
+        What a `Controller` did, its ``events`` of this robot, counted from the first state on, or those of
+        `adapt`.
     known_names : sequence of str, optional
         Names of the damage classes that the controller knows; those of `table` if left out.
     note : str
@@ -53,7 +55,7 @@ class Walk:
     damage: str | int = 0
     onset: int = 0
     forward_velocity: ArrayLike | None = None
-    events: Sequence[Mapping[str, Any]] | None = None
+    events: Sequence[Event | Mapping[str, Any]] | None = None
     known_names: Sequence[str] | None = None
     note: str = ""
 
@@ -63,11 +65,14 @@ class Walk:
         self.table.space.parse(self.damage)
         integer(self.onset, "onset", 0)
         text(self.note, "note")
-        for event in sequence(() if self.events is None else self.events, "events"):
-            if not {"step", "event"} <= mapping(event, "an event").keys():
-                raise ConfigError(f"an event has no step or no kind: {shown(event)}")
         for name in sequence(() if self.known_names is None else self.known_names, "known_names"):
             text(name, "a known name")
+        known = len(self.known_names or self.table.space)
+        for event in self.happened or ():
+            if event.damage_class is not None and not 0 <= event.damage_class < known:
+                raise ConfigError(
+                    f"an event names damage class {event.damage_class}, expected one from 0 to {known - 1}"
+                )
         states, width = self.states, self.table.models[0].nq
         if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
             raise ShapeError(f"qpos has shape {np.shape(self.qpos)}, expected [T + 1, {width}] or [{width}]")
@@ -90,6 +95,14 @@ class Walk:
         """The forward velocities, [T]."""
         velocities = self.forward_velocity
         return None if velocities is None else array(velocities, "forward_velocity", np.float64)
+
+    @property
+    def happened(self) -> list[Event] | None:
+        """The events."""
+        if self.events is None:
+            return None
+        events = sequence(self.events, "events")
+        return [event if isinstance(event, Event) else Event.from_dict(event) for event in events]
 
     @property
     def damage_classes(self) -> NDArray[np.int64]:

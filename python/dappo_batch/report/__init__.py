@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib.util
 from collections.abc import Sequence
 from importlib.metadata import version
 from os import PathLike, fsencode
@@ -11,12 +9,10 @@ from pathlib import Path
 
 from dappo_batch._checks import folder, sequence, text
 from dappo_batch._core import ConfigError, write_file
-from dappo_batch.render.errors import RenderError
+from dappo_batch._extras import require
 from dappo_batch.report.sources import Sources, read
 
-__all__ = ["INSTALL", "main", "write"]
-
-INSTALL = "pip install 'dappo-batch[report]'"
+__all__ = ["command", "write"]
 
 
 def write(
@@ -50,7 +46,7 @@ def write(
         If a path is nothing that a report knows, or the folder of `out` does not exist.
     CheckpointError
         If a file cannot be read.
-    RenderError
+    MissingExtraError
         If matplotlib is missing.
     """
     page = folder(out, "out")
@@ -61,8 +57,7 @@ def write(
         raise ConfigError(f"{page}: there is no folder {page.parent}")
     if page.is_dir():
         raise ConfigError(f"{page} is a folder, expected the name of a file")
-    if importlib.util.find_spec("matplotlib") is None:
-        raise RenderError(f"matplotlib is not installed, which reports need: {INSTALL}")
+    require("report", "reports")
     sources = read(paths)
     html, drawings = _draw(sources, title, target)
     for path, content in drawings.items():
@@ -102,35 +97,10 @@ def _shown(path: str | PathLike[str]) -> str:
     return fsencode(path).decode(errors="replace")
 
 
-def main(argv: Sequence[str]) -> int:
-    """Run ``dappo-batch report`` and return its exit code.
-
-    Parameters
-    ----------
-    argv : sequence of str
-        The arguments behind ``report``.
-    """
-    parser = argparse.ArgumentParser(
-        prog="dappo-batch report",
-        description="Draw runs, sweeps, diagnosers and traces into one HTML page that needs nothing else. "
-        "Runs that differ in nothing but their seed are drawn as one learner.",
-    )
-    parser.add_argument(
-        "paths",
-        nargs="+",
-        metavar="PATH",
-        help="a run folder, a folder of `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`",
-    )
-    parser.add_argument(
-        "--out", default="report.html", metavar="FILE", help="the page [default: report.html]"
-    )
-    parser.add_argument(
-        "--figures", metavar="DIR", help="write the figures into this folder, too, as PNG and SVG"
-    )
-    parser.add_argument("--title", default="dappo-batch report", metavar="TEXT", help="heading of the page")
-    arguments = parser.parse_args(argv)
-    page, *figures = write(arguments.paths, arguments.out, figures=arguments.figures, title=arguments.title)
+def command(*, paths: Sequence[str], out: str, figures: str | None, title: str) -> int:
+    """Run ``dappo-batch report``, see `write`, and return its exit code."""
+    page, *drawn = write(paths, out, figures=figures, title=title)
     print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")
-    if figures:
-        print(f"{_shown(arguments.figures)}: {len(figures)} files")
+    if figures is not None and drawn:
+        print(f"{_shown(figures)}: {len(drawn)} files")
     return 0

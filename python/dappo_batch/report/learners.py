@@ -135,7 +135,7 @@ def _robot(run: Run) -> str:
 
 
 def _reward(run: Run) -> str:
-    return str(run.meta.get("reward") or run.config["env"].get("reward") or "of the robot")
+    return str(run.meta.reward or run.config["env"].get("reward") or "of the robot")
 
 
 def _kind(run: Run) -> str:

@@ -13,7 +13,7 @@ from dappo_batch.report.page import Code, Section, Text, Values
 from dappo_batch.report.picture import Picture
 from dappo_batch.report.sources import Diagnoser, DiagnoserTest, Sources, Sweep, Trace
 from dappo_batch.runs import Run
-from dappo_batch.tables import read_text
+from dappo_batch.runs.tables import read_text
 
 __all__ = ["sections"]
 
@@ -245,7 +245,7 @@ def _versions(found: Sequence[Learner]) -> Section:
     rows = [
         (
             *(run.path.name, learner.name, str(run.seed)),
-            *(str(run.meta.get(key, "n/a")) for key in keys),
+            *("n/a" if (value := getattr(run.meta, key)) is None else str(value) for key in keys),
         )
         for learner in found
         for run in learner.runs

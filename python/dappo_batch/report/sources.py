@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch._core import CheckpointError, ConfigError
-from dappo_batch.runs import Run, load_run, read_lines, read_toml
-from dappo_batch.tables import Table, columns, read_csv, read_text
+from dappo_batch.runs import Run, load_run
+from dappo_batch.runs.run import read_lines, read_toml
+from dappo_batch.runs.tables import Table, columns, read_csv, read_text
 
 __all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Sweep", "Trace", "read"]
 

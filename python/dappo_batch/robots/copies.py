@@ -24,7 +24,7 @@ import numpy as np
 
 from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
-from dappo_batch.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
+from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import refuse
 from dappo_batch.robots.flatten import flatten, lines, needed_files
@@ -202,7 +202,7 @@ class RobotCopy:
         """Return the elements that differ, under the names of the files that do."""
         said = []
         documents = [
-            {name: lines(text.decode()) for name, text in copy.files.items() if name.endswith(".xml")}
+            {name: lines(copy.files[name].decode()) for name, _ in _needs(copy.files) if name != COPY_TOML}
             for copy in (self, other)
         ]
         for name in sorted(documents[0].keys() | documents[1].keys()):
@@ -273,26 +273,37 @@ def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
     CheckpointError
         If it names another file.
     """
-    seen: set[str] = set()
     try:
-        # Of any ending: MuJoCo asks for none.
-        robot = tomllib.loads(files[COPY_TOML].decode())
-        if not isinstance(robot.get("name"), str):
-            raise ValueError(f"{COPY_TOML} has no name of the robot")
-        wanted = documents = {str(robot.get("mjcf"))}
-        name = COPY_TOML
-        waiting: list[str] = []
-        while True:
+        for name, wanted in _needs(files):
             if foreign := sorted(wanted - files.keys()):
                 raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
-            waiting += documents - seen
-            if not waiting:
-                return
-            name = waiting.pop()
-            seen.add(name)
-            wanted, documents = needed_files(files[name].decode())
     except (ValueError, KeyError, RecursionError) as error:
         raise _broken(folder, f"it is broken or foreign ({error})") from error
+
+
+def _needs(files: Mapping[str, bytes]) -> Iterator[tuple[str, set[str]]]:
+    """Yield the robot TOML of a copy and every MJCF that it leads to, with the files that each names.
+
+    MJCFs have any ending: MuJoCo asks for none.
+
+    Raises
+    ------
+    ValueError, KeyError, RecursionError
+        If a file is not what it should be, or is missing.
+    """
+    robot = tomllib.loads(files[COPY_TOML].decode())
+    if not isinstance(robot.get("name"), str):
+        raise ValueError(f"{COPY_TOML} has no name of the robot")
+    waiting = [str(robot.get("mjcf"))]
+    yield COPY_TOML, set(waiting)
+    seen: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            wanted, documents = needed_files(files[name].decode())
+            yield name, wanted
+            waiting += sorted(documents)
 
 
 def _check_kinds(header: dict[str, Any]) -> None:
@@ -325,7 +336,7 @@ def _read_regular(path: Path, most: int) -> bytes:
     try:
         return read_file(path, most)
     except OSError as error:
-        raise _broken(path, f"it cannot be read ({error})") from error
+        raise _broken(path, f"it cannot be read ({error.strerror})") from error
 
 
 def _broken(path: Path, why: str) -> CheckpointError:

@@ -104,7 +104,7 @@ def _parse(text: str) -> ET.Element:
 
 def lines(text: str) -> list[str]:
     """Return what an MJCF says, an element a line: neither its layout nor the order of attributes matters."""
-    return list(_lines(ET.fromstring(text)))
+    return list(_lines(_parse(text)))
 
 
 def _lines(element: ET.Element, indent: str = "") -> Iterator[str]:

@@ -2,12 +2,12 @@
 
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
-use dappo_sim::{Backend, DamageSpace, Robot, SimError};
+use dappo_sim::{Backend, DamageSpace, Physics, Robot, SimError};
 
 use crate::config::Config;
 use crate::engine::{HostEngine, RolloutEngine};
 use crate::error::Result;
-use crate::simulator::{Compute, Simulator};
+use crate::simulator::Simulator;
 
 /// Lengths of what a policy sees and does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,15 +31,26 @@ pub trait EnvFactory {
     /// Lengths of what the policies of a configuration see and do.
     fn sizes(&self, config: &Config) -> std::result::Result<Sizes, SimError>;
 
-    /// What simulates when `compute` is asked for.
-    fn simulator(&self, compute: Compute) -> Simulator;
+    /// Integrator of the robot, as MuJoCo names it.
+    fn integrator(&self) -> &str;
 
-    /// The physics of `num_envs` envs with the reward of this name.
+    /// The simulator behind results of this physics.
+    fn simulator(&self, physics: Physics) -> Simulator {
+        Simulator { physics, integrator: self.integrator().to_owned() }
+    }
+
+    /// What simulates a training.
+    fn training_physics(&self) -> Physics;
+
+    /// What simulates everything else: evaluations, controllers, records.
+    fn evaluation_physics(&self) -> Physics;
+
+    /// The backend of `num_envs` envs with the reward of this name.
     fn backend(
         &self,
         num_envs: usize,
         reward: Option<&str>,
-        compute: Compute,
+        physics: Physics,
     ) -> std::result::Result<Box<dyn Backend>, SimError>;
 
     /// A vector env with one env for each key of `config`, over a [backend](Self::backend).
@@ -47,14 +58,15 @@ pub trait EnvFactory {
         &self,
         config: VectorEnvConfig,
         reward: Option<&str>,
-        compute: Compute,
+        physics: Physics,
     ) -> std::result::Result<VectorEnv, SimError> {
-        VectorEnv::new(self.backend(config.keys.len(), reward, compute)?, self.space(), config)
+        VectorEnv::new(self.backend(config.keys.len(), reward, physics)?, self.space(), config)
     }
 
     /// Where the rollouts of a training come from, at the start of all first episodes.
     fn engine(&self, config: &Config) -> Result<Box<dyn RolloutEngine>> {
-        let env = self.make(self.env_config(config)?, config.env.reward.as_deref(), config.env.compute())?;
+        let (envs, reward) = (self.env_config(config)?, config.env.reward.as_deref());
+        let env = self.make(envs, reward, self.training_physics())?;
         Ok(Box::new(HostEngine::new(env, config)?))
     }
 

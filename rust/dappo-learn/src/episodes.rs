@@ -1,9 +1,10 @@
 //! Sums over running episodes, and means over those that end.
 
+use dappo_nn::error::check_length;
 use dappo_sim::vector_env::Buffers;
 use serde::Serialize;
 
-use crate::error::{Result, check_length};
+use crate::error::Result;
 use crate::rollout::Rollout;
 
 /// Running sums of every env's current episode.
@@ -115,11 +116,11 @@ impl EpisodeTracker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::normalizer::Normalizer;
+    use dappo_nn::InputTransform;
 
     #[test]
     fn the_steps_of_a_rollout_add_up_to_episodes_that_may_begin_in_an_earlier_one() {
-        let mut rollout = Rollout::new(3, 2, 1, Normalizer::new(1, 0).unwrap());
+        let mut rollout = Rollout::new(3, 2, 1, InputTransform::new(1, 0, 1.0).unwrap());
         rollout.rewards = vec![1.0, 10.0, 2.0, 20.0, 4.0, 40.0];
         rollout.terminated = vec![false, false, true, false, false, false];
         rollout.truncated = vec![false, false, true, false, false, true];

@@ -8,16 +8,9 @@ pub type Result<T> = std::result::Result<T, LearnError>;
 /// An error of the learner.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnError {
-    /// An array does not have the length that its neighbours imply.
-    #[error("{what} has {got} elements, expected {expected}")]
-    Length {
-        /// The array and its shape in words.
-        what: &'static str,
-        /// Elements found.
-        got: usize,
-        /// Elements needed.
-        expected: usize,
-    },
+    /// Networks or their inputs do not fit.
+    #[error(transparent)]
+    Nn(#[from] dappo_nn::NnError),
     /// A setting lies outside its range, or names something unknown.
     #[error("{key} is {got}, expected {expected}")]
     Config {
@@ -37,14 +30,6 @@ pub enum LearnError {
     /// The simulation refused something.
     #[error(transparent)]
     Sim(#[from] dappo_sim::SimError),
-    /// A number that must be finite is not; training cannot go on from it.
-    #[error("{what} is {got}, expected a finite number")]
-    NonFinite {
-        /// The quantity.
-        what: String,
-        /// NaN or an infinity.
-        got: f64,
-    },
     /// Training has left the finite numbers.
     #[error("the training has diverged: {what} is {got}, expected a finite number; {advice}")]
     Diverged {
@@ -54,12 +39,6 @@ pub enum LearnError {
         got: f64,
         /// What to do.
         advice: String,
-    },
-    /// A tensor could not be read from its device.
-    #[error("cannot read a tensor of f32: {message}")]
-    Tensor {
-        /// What burn said.
-        message: String,
     },
     /// A checkpoint belongs to a learner of another form.
     #[error("checkpoint {}: {what} is {got}, expected {expected}", path.display())]
@@ -107,26 +86,10 @@ pub enum LearnError {
     },
 }
 
-/// Fails unless `array` has `expected` elements.
-pub(crate) fn check_length<T>(what: &'static str, array: &[T], expected: usize) -> Result<()> {
-    if array.len() == expected {
-        return Ok(());
-    }
-    Err(LearnError::Length { what, got: array.len(), expected })
-}
-
 /// Fails if a training has diverged, which shows in a `value` that is not finite; says what to do.
-pub(crate) fn check_converging(what: impl Into<String>, value: f64, advice: &str) -> Result<f64> {
+pub fn check_converging(what: impl Into<String>, value: f64, advice: &str) -> Result<f64> {
     if value.is_finite() {
         return Ok(value);
     }
     Err(LearnError::Diverged { what: what.into(), got: value, advice: advice.into() })
-}
-
-/// Fails unless `value` is finite.
-pub(crate) fn check_finite(what: impl Into<String>, value: f64) -> Result<f64> {
-    if value.is_finite() {
-        return Ok(value);
-    }
-    Err(LearnError::NonFinite { what: what.into(), got: value })
 }

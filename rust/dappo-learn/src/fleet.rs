@@ -9,7 +9,7 @@ const NOT_OBSERVED: &str = "the robot's observation does not tell its state, so 
                             the preset `paper`";
 
 /// N robots.
-pub(crate) struct Fleet {
+pub struct Fleet {
     backend: Box<dyn Backend>,
     /// Observations after the last step or reset, `[N, O]`.
     pub obs: Vec<f32>,
@@ -24,6 +24,8 @@ pub(crate) struct Fleet {
 }
 
 impl Fleet {
+    /// Robots without an episode.
+    #[must_use]
     pub fn new(backend: Box<dyn Backend>) -> Self {
         let (envs, width) = (backend.num_envs(), backend.task().obs_dim());
         Self {
@@ -37,22 +39,27 @@ impl Fleet {
         }
     }
 
+    /// What simulates them.
+    #[must_use]
     pub fn backend(&self) -> &dyn Backend {
         self.backend.as_ref()
     }
 
     /// Observation of one robot, `[O]`.
+    #[must_use]
     pub fn row(&self, env: usize) -> &[f32] {
         let width = self.backend.task().obs_dim();
         &self.obs[env * width..(env + 1) * width]
     }
 
+    /// Begins new episodes.
     pub fn reset(&mut self, resets: &[Reset]) -> Result<()> {
         let stride = self.backend.task().obs_dim();
         self.fallen.fill(false);
         Ok(self.backend.reset(resets, ObsRows { data: &mut self.obs, stride })?)
     }
 
+    /// Changes the damage classes of robots, given as (robot, class).
     pub fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<()> {
         Ok(self.backend.set_classes(changes)?)
     }

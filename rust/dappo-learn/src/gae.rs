@@ -1,6 +1,8 @@
 //! Generalised advantage estimation (Schulman et al., 2016), as a pure function of a rollout.
 
-use crate::error::{LearnError, Result, check_finite};
+use dappo_nn::error::check_finite;
+
+use crate::error::{LearnError, Result};
 use crate::rollout::Rollout;
 
 /// What the policy and the value net are trained towards.
@@ -83,7 +85,7 @@ pub fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::normalizer::Normalizer;
+    use dappo_nn::InputTransform;
 
     const REWARDS: [f32; 10] = [0.13, -0.13, 0.64, 0.10, -0.54, 0.36, 1.30, 0.95, -0.70, -1.27];
     const VALUES: [f32; 10] = [-0.62, 0.04, -2.33, -0.22, -1.25, -0.73, -0.54, -0.32, 0.41, 1.04];
@@ -105,7 +107,7 @@ mod tests {
         [-0.36032, -0.079_355_2, 0.064, -0.03716, -0.511_977_6, 0.117, -0.50108, 0.05468, -0.979, -0.316];
 
     fn rollout() -> Rollout {
-        let mut rollout = Rollout::new(5, 2, 1, Normalizer::new(1, 0).unwrap());
+        let mut rollout = Rollout::new(5, 2, 1, InputTransform::new(1, 0, 1.0).unwrap());
         rollout.rewards = REWARDS.to_vec();
         rollout.values = VALUES.to_vec();
         rollout.final_values = FINAL_VALUES.to_vec();

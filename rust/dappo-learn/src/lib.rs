@@ -1,9 +1,10 @@
-//! Learners for damaged robots: rollout buffers, advantages, networks and damage-aware PPO.
+//! Learners for damaged robots: rollout buffers, advantages and damage-aware PPO.
 //!
-//! The crate knows robots only as rows of numbers. One iteration of training reads
+//! The crate knows robots only as rows of numbers, and envs know no learner: they take a policy that no longer changes.
+//! One iteration of training reads
 //!
 //! ```text
-//! let rollout = engine.collect(&ppo, &mut episodes, first_step)?;
+//! let rollout = engine.collect(&ppo.frozen()?, &mut episodes, first_step)?;
 //! let targets = gae(&rollout, gamma, gae_lambda);
 //! let losses  = ppo.update(&rollout, &targets)?;
 //! ```
@@ -11,38 +12,31 @@
 //! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
 //! parallel sums are formed in an order that does not depend on the number of threads.
 
-pub mod actor;
-pub mod adapt;
 pub mod checkpoint;
 pub mod config;
-pub mod controller;
-pub mod diagnose;
+pub mod csv_table;
 pub mod engine;
 pub mod envs;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
-pub mod export;
 pub mod files;
-mod fleet;
+pub mod fleet;
 pub mod gae;
 pub mod memory;
 pub mod metrics;
-pub mod nn;
-pub mod normalizer;
 pub mod ppo;
-mod records;
+pub mod records;
 pub mod robot_files;
 pub mod rollout;
 pub mod run_folder;
 mod simulator;
+pub mod statistics;
 pub mod train;
+pub mod walk;
 
-pub use actor::Actor;
 pub use error::{LearnError, Result};
 pub use gae::{Targets, gae};
-pub use nn::{ActorCritic, Decision, LearnerDevice, cpu};
-pub use normalizer::Normalizer;
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;
-pub use simulator::{Compute, Simulator};
+pub use simulator::Simulator;

@@ -1,317 +1,87 @@
-//! Networks and optimisers as burnpack files. Such records keep parameter ids, by which Adam's moments find
-//! their parameters.
-//!
-//! Burn takes the types and shapes of a record on trust, and ends the process where they do not fit. So every array is
-//! looked at before burn gets it.
+//! Files of networks and optimisers.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use burn::module::{Module, ModuleVisitor, Param};
+use burn::module::Module;
 use burn::optim::ModuleOptimizer;
-use burn::store::ModuleRecord;
-use burn::tensor::{Bytes, DType, Tensor};
-use burn_pack::{Reader, Scalar};
+use dappo_nn::records;
 
 use crate::error::{LearnError, Result};
 use crate::files::{Files, write_new};
 
-/// What a record needs besides its numbers, at most, bytes.
-const OVERHEAD: u64 = 1 << 20;
-/// The most steps that Adam's correction of the bias is computed for.
-const MOST_STEPS: u64 = i32::MAX as u64;
-
-/// The file of a module, as bytes.
-pub(crate) fn module_bytes<M: Module>(module: &M, path: &Path) -> Result<Bytes> {
-    module.clone().into_record().into_bytes().map_err(|error| unreadable(path, error))
+/// Writes the file of a module, which must not be there yet.
+pub fn save_module<M: Module>(module: &M, path: &Path) -> Result<()> {
+    write_new(path, &records::module_bytes(module).map_err(|error| unreadable(path, error))?)
 }
 
-pub(crate) fn save_module<M: Module>(module: &M, path: &Path) -> Result<()> {
-    write_new(path, &module_bytes(module, path)?)
-}
-
-pub(crate) fn save_optimizer(optimizer: &ModuleOptimizer, path: &Path) -> Result<()> {
-    write_new(path, &optimizer.into_bytes().map_err(|error| unreadable(path, error))?)
+/// Writes the file of an optimiser, which must not be there yet.
+pub fn save_optimizer(optimizer: &ModuleOptimizer, path: &Path) -> Result<()> {
+    write_new(path, &records::optimizer_bytes(optimizer).map_err(|error| unreadable(path, error))?)
 }
 
 /// Reads the file of a module of so many numbers; `None` stands for more than can be counted. The file must hold them:
 /// what is made from its sizes takes no more memory than the file itself.
-pub(crate) fn read_numbers<F: Files + ?Sized>(
-    files: &F,
-    name: &str,
-    numbers: Option<usize>,
-) -> Result<Vec<u8>> {
+pub fn read_numbers<F: Files + ?Sized>(files: &F, name: &str, numbers: Option<usize>) -> Result<Vec<u8>> {
     let path = files.path(name);
-    let expected = numbers.and_then(|numbers| (numbers as u64).checked_mul(4));
-    let expected = expected.ok_or_else(|| unreadable(&path, "its sizes are beyond all memory"))?;
-    let bytes = files.read(name, expected.saturating_add(OVERHEAD))?;
-    if (bytes.len() as u64) < expected {
-        let message = format!("it has {} bytes, expected at least {expected} for its sizes", bytes.len());
+    let [fewest, most] = records::module_size(numbers).map_err(|error| unreadable(&path, error))?;
+    let bytes = files.read(name, most)?;
+    if (bytes.len() as u64) < fewest {
+        let message = format!("it has {} bytes, expected at least {fewest} for its sizes", bytes.len());
         return Err(unreadable(&path, message));
     }
     Ok(bytes)
 }
 
 /// Replaces the parameters of `module` by those of a file.
-pub(crate) fn load_module<M: Module>(module: M, path: &Path, bytes: Vec<u8>) -> Result<M> {
-    let bytes = Bytes::from_bytes_vec(bytes).shared();
-    let (arrays, _) = arrays(path, bytes.clone())?;
-    let mut known = BTreeSet::new();
-    // Two parameters of one id would share their moments.
-    if let Some(array) = arrays.iter().find(|array| array.id.is_some_and(|id| !known.insert(id))) {
-        return Err(unreadable(path, format!("the id of `{}` is that of another array", array.name)));
-    }
-    ModuleRecord::from_bytes(bytes)
-        .and_then(|record| module.try_load_record(record))
-        .map_err(|error| unreadable(path, error))
+pub fn load_module<M: Module>(module: M, path: &Path, bytes: Vec<u8>) -> Result<M> {
+    records::load_module(module, bytes).map_err(|error| unreadable(path, error))
 }
 
 /// Replaces the state of `fresh`, an Adam of the same settings, by that of a file. The state is that of the parameters
 /// of `module`.
-pub(crate) fn load_optimizer<M: Module, F: Files + ?Sized>(
+pub fn load_optimizer<M: Module, F: Files + ?Sized>(
     fresh: ModuleOptimizer,
     module: &M,
     files: &F,
     name: &str,
 ) -> Result<ModuleOptimizer> {
-    let path = files.path(name);
-    let limit = (module.num_params() as u64).saturating_mul(8).saturating_add(OVERHEAD);
-    let bytes = Bytes::from_bytes_vec(files.read(name, limit)?).shared();
-    let (arrays, scalars) = arrays(&path, bytes.clone())?;
-    check_moments(&parameters(module), arrays, scalars).map_err(|message| unreadable(&path, message))?;
-    fresh.from_bytes(bytes).map_err(|error| unreadable(&path, error))
+    let bytes = files.read(name, records::optimizer_size(module))?;
+    records::load_optimizer(fresh, module, bytes).map_err(|error| unreadable(&files.path(name), error))
 }
 
-/// An array of a record.
-struct Array {
-    name: String,
-    id: Option<u64>,
-    shape: Vec<usize>,
-    is_negative: bool,
-}
-
-/// The arrays and scalars of a record, if all its numbers are finite and lie as burn expects them.
-fn arrays(path: &Path, bytes: Bytes) -> Result<(Vec<Array>, BTreeMap<String, Scalar>)> {
-    let reader = Reader::from_bytes(bytes).map_err(|error| unreadable(path, error))?;
-    let scalars = reader.scalars().clone();
-    let mut arrays = Vec::new();
-    for array in reader.into_tensors().map_err(|error| unreadable(path, error))? {
-        let (name, dtype, shape, id, bytes) = array.into_parts().map_err(|error| unreadable(path, error))?;
-        if dtype != DType::F32 {
-            return Err(unreadable(path, format!("`{name}` is of type {dtype:?}, expected F32")));
-        }
-        if !bytes.as_ptr().addr().is_multiple_of(align_of::<f32>()) {
-            return Err(unreadable(path, format!("`{name}` does not begin at a multiple of 4 bytes")));
-        }
-        let numbers = || bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        if let Some(number) = numbers().find(|number| !number.is_finite()) {
-            return Err(unreadable(path, format!("`{name}` holds {number}, expected finite numbers")));
-        }
-        let is_negative = numbers().any(|number| number < 0.0);
-        arrays.push(Array { name, id, shape: shape.iter().copied().collect(), is_negative });
-    }
-    Ok((arrays, scalars))
-}
-
-/// Ids and shapes of parameters.
-struct Parameters(Vec<(u64, Vec<usize>)>);
-
-impl ModuleVisitor for Parameters {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.push((param.id.val(), param.lazy_shape().dims::<D>().to_vec()));
-    }
-}
-
-fn parameters<M: Module>(module: &M) -> Vec<(u64, Vec<usize>)> {
-    let mut parameters = Parameters(Vec::new());
-    module.visit(&mut parameters);
-    parameters.0
-}
-
-/// Fails unless there are both moments and the number of steps for each of the parameters that have a state at all.
-fn check_moments(
-    parameters: &[(u64, Vec<usize>)],
-    arrays: Vec<Array>,
-    mut scalars: BTreeMap<String, Scalar>,
-) -> std::result::Result<(), String> {
-    let mut arrays: BTreeMap<String, Array> =
-        arrays.into_iter().map(|array| (array.name.clone(), array)).collect();
-    for (id, shape) in parameters {
-        let [mean, square] = ["moment_1", "moment_2"].map(|name| format!("{id}.momentum.{name}"));
-        let [rank, time] = [format!("{id}.__rank"), format!("{id}.momentum.time")];
-        let moments = [arrays.remove(&mean), arrays.remove(&square)];
-        let (rank, time) = (scalars.remove(&rank), scalars.remove(&time));
-        let [Some(mean), Some(square)] = moments else {
-            if moments.iter().all(Option::is_none) && rank.is_none() && time.is_none() {
-                continue;
-            }
-            return Err(format!("the state of parameter {id} lacks a moment"));
-        };
-        for moment in [&mean, &square] {
-            if moment.shape != *shape || moment.id != Some(*id) {
-                let (name, got) = (&moment.name, &moment.shape);
-                return Err(format!("`{name}` has shape {got:?}, expected {shape:?} of parameter {id}"));
-            }
-        }
-        if square.is_negative {
-            return Err(format!("`{}` holds negative numbers, expected squares", square.name));
-        }
-        if rank.and_then(|rank| usize::try_from(rank).ok()) != Some(shape.len()) {
-            return Err(format!("the rank of parameter {id} is {rank:?}, expected {}", shape.len()));
-        }
-        let steps = time.and_then(|time| u64::try_from(time).ok());
-        if !steps.is_some_and(|steps| (1..=MOST_STEPS).contains(&steps)) {
-            return Err(format!("parameter {id} was trained for {time:?} steps, expected 1 to {MOST_STEPS}"));
-        }
-    }
-    match arrays.keys().chain(scalars.keys()).next() {
-        None => Ok(()),
-        Some(name) => Err(format!("`{name}` belongs to no parameter of the network")),
-    }
-}
-
-/// Turns what a reader or writer says of a file into an error that names it.
-pub(crate) fn unreadable(path: &Path, error: impl std::fmt::Display) -> LearnError {
+/// Turns what a reader or writer reports of a file into an error that names it.
+pub fn unreadable(path: &Path, error: impl std::fmt::Display) -> LearnError {
     LearnError::Checkpoint { path: path.into(), message: error.to_string() }
 }
 
 #[cfg(test)]
 mod tests {
     use burn::nn::{Linear, LinearConfig};
-    use burn::optim::GradientsParams;
-    use burn::tensor::Device;
+    use dappo_nn::cpu;
 
     use super::*;
-    use crate::files::tests::Scratch;
-    use crate::nn::fused_adam;
-
-    fn step(net: Linear, optimizer: &mut ModuleOptimizer) -> Linear {
-        let x = Tensor::<2>::ones([4, 3], &Device::flex().autodiff());
-        let gradients = GradientsParams::from_grads((net.forward(x) - 1.0).square().sum().backward(), &net);
-        optimizer.step(0.01, net, gradients)
-    }
+    use crate::files::testing::Scratch;
 
     fn fresh() -> Linear {
-        LinearConfig::new(3, 2).init(&Device::flex().autodiff())
-    }
-
-    /// The files of a net of 3 inputs and 2 outputs and of its optimiser, after a step.
-    fn trained() -> (Scratch, Linear) {
-        let scratch = Scratch::new();
-        let mut optimizer = fused_adam(1e-8);
-        let net = step(fresh(), &mut optimizer);
-        save_module(&net, &scratch.0.join("net")).unwrap();
-        save_optimizer(&optimizer, &scratch.0.join("adam")).unwrap();
-        (scratch, net)
-    }
-
-    fn load(scratch: &Scratch) -> Result<Linear> {
-        let bytes = read_numbers(scratch.0.as_path(), "net", Some(8))?;
-        load_module(fresh(), &scratch.0.join("net"), bytes)
-    }
-
-    #[test]
-    fn a_net_and_its_moments_read_back_to_the_bit() {
-        let (scratch, net) = trained();
-        let loaded = load(&scratch).unwrap();
-        assert_eq!(loaded.weight.val().into_data(), net.weight.val().into_data());
-        assert_eq!(parameters(&loaded), parameters(&net));
-        let mut optimizer = load_optimizer(fused_adam(1e-8), &loaded, scratch.0.as_path(), "adam").unwrap();
-        step(loaded, &mut optimizer);
+        LinearConfig::new(3, 2).init(&cpu())
     }
 
     #[test]
     fn files_that_do_not_hold_the_numbers_of_their_sizes_are_refused_before_memory_is_taken() {
-        let (scratch, _) = trained();
+        let scratch = Scratch::new();
+        save_module(&fresh(), &scratch.0.join("net")).unwrap();
+        read_numbers(scratch.0.as_path(), "net", Some(8)).unwrap();
         let refuse = |numbers| read_numbers(scratch.0.as_path(), "net", numbers).unwrap_err().to_string();
-        assert!(refuse(None).contains("beyond all memory"));
-        assert!(refuse(Some(usize::MAX)).contains("beyond all memory"));
+        assert!(refuse(None).contains("net: its sizes are beyond all memory"));
         assert!(refuse(Some(1 << 40)).contains("expected at least 4398046511104 for its sizes"));
         std::fs::File::options().write(true).open(scratch.0.join("net")).unwrap().set_len(1 << 41).unwrap();
         assert!(refuse(Some(8)).contains("more than the"));
     }
 
-    /// Files in memory.
-    struct Memory(BTreeMap<&'static str, Vec<u8>>);
-
-    impl Files for Memory {
-        fn path(&self, name: &str) -> std::path::PathBuf {
-            Path::new("checkpoint").join(name)
-        }
-
-        fn read(&self, name: &str, _: u64) -> Result<Vec<u8>> {
-            Ok(self.0[name].clone())
-        }
-    }
-
     #[test]
-    fn whatever_bytes_a_record_has_it_is_used_or_refused() {
-        let (scratch, _) = trained();
-        let names = ["net", "adam"];
-        let mut files = Memory(names.map(|name| (name, std::fs::read(scratch.0.join(name)).unwrap())).into());
-        let (mut used, mut refused) = (0, 0);
-        for name in names {
-            let whole = files.0[name].clone();
-            // The description of the arrays comes first; every byte of it is changed in turn, then some of the numbers.
-            for at in (0..whole.len()).filter(|at| *at < 600 || at % 64 < 2) {
-                for value in [0x00, 0x7f, 0xff, whole[at] ^ 1] {
-                    files.0.insert(name, whole.clone());
-                    if let Some(bytes) = files.0.get_mut(name) {
-                        bytes[at] = value;
-                    }
-                    let loaded = load_module(fresh(), &files.path("net"), files.0["net"].clone())
-                        .and_then(|net| Ok((load_optimizer(fused_adam(1e-8), &net, &files, "adam")?, net)));
-                    match loaded {
-                        Ok((mut optimizer, net)) => {
-                            step(net, &mut optimizer);
-                            used += 1;
-                        }
-                        Err(error) => {
-                            assert!(error.to_string().starts_with("checkpoint checkpoint/"), "{error}");
-                            refused += 1;
-                        }
-                    }
-                }
-            }
-            files.0.insert(name, whole);
-        }
-        assert!(used > 100 && refused > 1000, "{used} used, {refused} refused");
-    }
-
-    #[test]
-    fn moments_that_do_not_fit_their_parameters_are_refused() {
-        let parameters = [(7, vec![2, 3])];
-        let moment = |name: &str, shape: &[usize]| Array {
-            name: format!("7.momentum.{name}"),
-            id: Some(7),
-            shape: shape.to_vec(),
-            is_negative: false,
-        };
-        let both = |shape: &[usize]| vec![moment("moment_1", shape), moment("moment_2", shape)];
-        let scalars = |rank: u64, time: i64| {
-            BTreeMap::from([
-                ("7.__rank".to_owned(), Scalar::UInt(rank)),
-                ("7.momentum.time".to_owned(), Scalar::Int(time)),
-            ])
-        };
-        let check = |arrays, scalars| check_moments(&parameters, arrays, scalars);
-        check(both(&[2, 3]), scalars(2, 1)).unwrap();
-        check(Vec::new(), BTreeMap::new()).unwrap();
-        let refuse = |arrays, scalars, expected: &str| {
-            let message = check(arrays, scalars).unwrap_err();
-            assert!(message.contains(expected), "{message}");
-        };
-        refuse(both(&[3, 2]), scalars(2, 1), "has shape [3, 2], expected [2, 3]");
-        refuse(vec![moment("moment_1", &[2, 3])], scalars(2, 1), "lacks a moment");
-        refuse(Vec::new(), scalars(2, 1), "lacks a moment");
-        refuse(both(&[2, 3]), scalars(1, 1), "rank of parameter 7");
-        refuse(both(&[2, 3]), scalars(2, 0), "trained for");
-        refuse(both(&[2, 3]), scalars(2, i64::from(i32::MAX) + 1), "trained for");
-        let mut more = both(&[2, 3]);
-        more.push(moment("other", &[2, 3]));
-        refuse(more, scalars(2, 1), "belongs to no parameter");
-        let mut negative = both(&[2, 3]);
-        negative[1].is_negative = true;
-        refuse(negative, scalars(2, 1), "expected squares");
+    fn a_file_that_is_no_record_is_named() {
+        let path = Path::new("checkpoint/net");
+        let message = load_module(fresh(), path, vec![0; 100]).unwrap_err().to_string();
+        assert!(message.starts_with("checkpoint checkpoint/net: "), "{message}");
     }
 }

@@ -2,20 +2,57 @@
 //!
 //! A damage code means nothing without the robot whose damage it is, and robot files can change after a training.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use crate::error::Result;
+use serde::Deserialize;
+
+use crate::error::{LearnError, Result};
+use crate::files::sealed::{Checksum, Manifest, Seal, check_replaceable};
 use crate::files::{TemporaryFolder, io, rename, replace_folder, sync_folder, write_new};
+use crate::records::unreadable;
 
 /// Name of the folder.
 const FOLDER: &str = "robot";
+
+/// What this crate reads of `robot.json`; Python writes it.
+#[derive(Deserialize)]
+struct RobotManifest {
+    files: BTreeMap<String, FileEntry>,
+}
+
+#[derive(Deserialize)]
+struct FileEntry {
+    bytes: u64,
+    sha256: String,
+}
+
+impl Manifest for RobotManifest {
+    const NAME: &'static str = "robot.json";
+    const FORMAT: &'static str = "dappo-batch robot 1";
+    const KIND: &'static str = "a copy of a robot";
+    const ADVICE: &'static str = "remove it";
+
+    fn seals(&self) -> Vec<(String, Seal)> {
+        let seal = |FileEntry { bytes, sha256 }: &FileEntry| Seal {
+            bytes: Some(*bytes),
+            checksum: Checksum::Sha256(sha256.clone()),
+        };
+        self.files.iter().map(|(name, file)| (name.clone(), seal(file))).collect()
+    }
+
+    fn error(path: &Path, message: String) -> LearnError {
+        unreadable(path, message)
+    }
+}
 
 /// Names and contents of the files of a robot.
 pub type RobotFiles = Vec<(String, Vec<u8>)>;
 
 /// Puts the files of a robot into the folder of a run or a diagnoser, in place of those that are there.
 pub fn keep(root: &Path, files: &RobotFiles) -> Result<()> {
+    check_replaceable::<RobotManifest>(&root.join(FOLDER))?;
     replace_folder(write(root, files)?, &root.join(FOLDER))
 }
 
@@ -69,6 +106,19 @@ mod tests {
         keep_first(&root, &files(&["one"])).unwrap();
         keep_first(&root, &files(&["two", "three"])).unwrap();
         assert_eq!(contents(&root), expected("one"));
+        // No list names this file, so it may be somebody's.
+        let refused = keep(&root, &files(&["two"])).unwrap_err().to_string();
+        assert!(refused.contains("robot is neither new nor a copy of a robot"), "{refused}");
+        assert_eq!(contents(&root), expected("one"));
+        let list = |name: &str| {
+            let format = RobotManifest::FORMAT;
+            format!(r#"{{"format": "{format}", "files": {{"{name}": {{"bytes": 3, "sha256": ""}}}}}}"#)
+        };
+        let header = root.join(FOLDER).join(RobotManifest::NAME);
+        fs::write(&header, list("other")).unwrap();
+        let refused = keep(&root, &files(&["two"])).unwrap_err().to_string();
+        assert!(refused.contains("robot/one is no file of a copy of a robot"), "{refused}");
+        fs::write(&header, list("one")).unwrap();
         keep(&root, &files(&["two"])).unwrap();
         assert_eq!(contents(&root), expected("two"));
         assert_eq!(fs::read_dir(&root).unwrap().count(), 1);

@@ -1,8 +1,9 @@
 //! What a policy saw and did: `horizon` steps of `num_envs` environments, time-major.
 
-use crate::error::{Result, check_finite, check_length};
-use crate::nn::Decision;
-use crate::normalizer::Normalizer;
+use dappo_nn::error::{check_finite, check_length};
+use dappo_nn::{Decision, InputTransform};
+
+use crate::error::Result;
 
 /// A rollout. T = `horizon`, N = `num_envs`, O = `obs_dim`, A = `action_dim`.
 #[derive(Debug, Clone)]
@@ -35,15 +36,15 @@ pub struct Rollout {
     pub final_values: Vec<f32>,
     /// V of the observations after the last step, `[N]`.
     pub last_values: Vec<f32>,
-    /// The normaliser that the policy used.
-    pub normalizer: Normalizer,
+    /// What the networks were given of the observations.
+    pub transform: InputTransform,
 }
 
 impl Rollout {
-    /// An empty rollout, all zeros, for a policy that normalises with `normalizer`.
+    /// An empty rollout, all zeros, for a policy that transforms its observations so.
     #[must_use]
-    pub fn new(horizon: usize, num_envs: usize, action_dim: usize, normalizer: Normalizer) -> Self {
-        let (rows, obs_dim) = (horizon * num_envs, normalizer.obs_dim());
+    pub fn new(horizon: usize, num_envs: usize, action_dim: usize, transform: InputTransform) -> Self {
+        let (rows, obs_dim) = (horizon * num_envs, transform.width());
         Self {
             horizon,
             num_envs,
@@ -59,7 +60,7 @@ impl Rollout {
             values: vec![0.0; rows],
             final_values: vec![0.0; rows],
             last_values: vec![0.0; num_envs],
-            normalizer,
+            transform,
         }
     }
 
@@ -108,8 +109,6 @@ impl Rollout {
     pub fn check(&self) -> Result<()> {
         let rows = self.len();
         check_length("obs [T, N, O]", &self.obs, rows * self.obs_dim)?;
-        let tracked = self.obs_dim.saturating_sub(self.normalizer.code_length());
-        check_length("mean of the rollout's normaliser", self.normalizer.mean(), tracked)?;
         check_length("actions [T, N, A]", &self.actions, rows * self.action_dim)?;
         check_length("means [T, N, A]", &self.means, rows * self.action_dim)?;
         check_length("terminated [T, N]", &self.terminated, rows)?;
@@ -146,7 +145,7 @@ fn write_step<T: Copy>(
             slot.copy_from_slice(values);
             Ok(())
         }
-        None => check_length("rows of the rollout", buffer, (step + 1) * width),
+        None => Ok(check_length("rows of the rollout", buffer, (step + 1) * width)?),
     }
 }
 
@@ -165,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_step_lands_in_its_own_rows() {
-        let mut rollout = Rollout::new(3, 2, 1, Normalizer::new(2, 0).unwrap());
+        let mut rollout = Rollout::new(3, 2, 1, InputTransform::new(2, 0, 1.0).unwrap());
         rollout.record_decision(1, &[1.0, 2.0, 3.0, 4.0], &decision(2, 1)).unwrap();
         rollout.record_outcome(1, &[5.0, 6.0], &[true, false], &[false, true]).unwrap();
         assert_eq!(rollout.obs, [0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0]);
@@ -177,7 +176,7 @@ mod tests {
 
     #[test]
     fn wrong_lengths_late_steps_and_non_finite_rewards_are_refused_by_name() {
-        let mut rollout = Rollout::new(3, 2, 1, Normalizer::new(2, 0).unwrap());
+        let mut rollout = Rollout::new(3, 2, 1, InputTransform::new(2, 0, 1.0).unwrap());
         let message = rollout.record_decision(0, &[1.0], &decision(2, 1)).unwrap_err().to_string();
         assert_eq!(message, "obs [N, O] has 1 elements, expected 4");
         assert!(rollout.record_outcome(3, &[0.0; 2], &[false; 2], &[false; 2]).is_err());

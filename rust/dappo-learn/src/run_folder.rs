@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::checkpoint::Progress;
 use crate::config::{Change, Config, Layers, changes};
 use crate::error::{LearnError, Result};
-use crate::files::{self, io, own_folder, read_text, write_atomically};
+use crate::files::{self, check_folder, io, own_folder, read_text, write_atomically};
 use crate::metrics::{Metrics, MetricsLog};
 use crate::robot_files::{RobotFiles, keep};
 use crate::simulator::Simulator;
@@ -122,17 +122,20 @@ impl RunFolder {
         write_atomically(&folder.join(name), table.as_bytes())
     }
 
-    /// Reads a table from `eval/`.
-    pub fn read_evaluation(&self, name: &str) -> Result<String> {
-        let path = self.root.join("eval").join(name);
-        if !path.exists() {
-            return Err(LearnError::Invalid(format!(
-                "{} does not exist; `dappo-batch evaluate {}` writes it",
-                path.display(),
-                self.root.display()
-            )));
+    /// Path of a table in `eval/`.
+    #[must_use]
+    pub fn evaluation_path(&self, name: &str) -> PathBuf {
+        self.root.join("eval").join(name)
+    }
+
+    /// Reads a table from `eval/`; `None` if there is none.
+    pub fn read_evaluation(&self, name: &str) -> Result<Option<String>> {
+        check_folder(&self.root.join("eval"))?;
+        let path = self.evaluation_path(name);
+        match read_text(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            read => read.map(Some).map_err(io(&path)),
         }
-        read_text(&path).map_err(io(&path))
     }
 
     fn metrics(&self) -> MetricsLog {

@@ -60,10 +60,11 @@ fn update(ppo: &mut Ppo) {
     let (horizon, envs) = (4, 32);
     let mut stream = Stream::new(11, ppo.updates(), Purpose::ActionNoise);
     let mut normals = |count: usize| -> Vec<f32> { (0..count).map(|_| stream.normal() as f32).collect() };
-    let mut rollout = Rollout::new(horizon, envs, 2, ppo.normalizer().clone());
+    let networks = ppo.frozen().unwrap();
+    let mut rollout = Rollout::new(horizon, envs, 2, networks.policy.transform().clone());
     for step in 0..horizon {
         let (obs, noise) = (normals(envs * 3), normals(envs * 2));
-        let decision = ppo.actor_critic().act(&obs, ppo.normalizer(), &noise).unwrap();
+        let decision = networks.act(&obs, &noise).unwrap();
         let rewards: Vec<f64> =
             decision.actions.chunks_exact(2).map(|action| -f64::from(action[0] * action[1]).abs()).collect();
         rollout.record_decision(step, &obs, &decision).unwrap();

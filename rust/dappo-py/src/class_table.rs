@@ -2,13 +2,12 @@
 
 use std::path::PathBuf;
 
-use dappo_learn::Compute;
-use dappo_sim::backend::Choice;
-use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, simd};
+use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays};
 use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
 use dappo_sim::memory::of_envs;
+use dappo_sim::simd;
 use dappo_sim::terms::Task;
-use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Robot};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, WarpDevice};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -26,8 +25,8 @@ pub struct BackendOptions<'a> {
     pub num_envs: usize,
     /// Threads of the pool that it will compute in.
     pub threads: usize,
-    /// Where and how precisely.
-    pub compute: Compute,
+    /// What simulates.
+    pub physics: Physics,
     /// Room for contacts on a GPU.
     pub room: Room,
 }
@@ -44,7 +43,7 @@ pub struct ClassTable<'py> {
 }
 
 impl<'py> ClassTable<'py> {
-    /// Reads a `dappo_batch.class_table.ClassTable`.
+    /// Reads a `dappo_batch.model.ClassTable`.
     pub fn read(object: &Bound<'py, PyAny>) -> PyResult<Self> {
         let toml: String = object.getattr("robot")?.getattr("toml_text")?.extract()?;
         let robot = Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
@@ -66,51 +65,65 @@ impl<'py> ClassTable<'py> {
         Ok(Self { object: object.clone(), robot, space, layout })
     }
 
-    /// The backend that `kind` means for this robot.
-    pub fn choose(&self, kind: BackendKind) -> PyResult<Choice> {
-        // Python's errors cannot pass through the choice, so everything is read before it.
+    /// The robot as the lane engine knows it if `kind` means that, or else why not; empty if it was not asked
+    /// for.
+    pub fn lane_table(&self, kind: BackendKind) -> PyResult<Result<LaneTable, String>> {
+        // Python's errors are not the lane engine's, so everything is read before it compiles.
         let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };
         let muted_touch = self.muted_touch()?;
-        kind.choose(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch))
+        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch))
             .map_err(|error| from_sim(&error))
     }
 
-    /// The chosen backend over this table.
-    pub fn backend(&self, choice: &Choice, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
+    /// A backend over this table; `lanes` is what [`lane_table`](Self::lane_table) made of it.
+    pub fn backend(
+        &self,
+        lanes: &Result<LaneTable, String>,
+        options: BackendOptions<'_>,
+    ) -> PyResult<Box<dyn Backend>> {
         let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
         let obs_dim = task.obs_dim() + self.space.code_length();
         of_envs(options.num_envs, &self.layout, obs_dim)
             .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))
             .map_err(|error| from_sim(&error))?;
-        if options.compute.device.is_warp() {
-            return self.warp_backend(task, options);
-        }
-        match choice {
-            Choice::Mujoco { .. } => {
-                let threads = options.threads.min(options.num_envs.max(1));
-                self.mujoco_backend(task, options.num_envs, threads)
-            }
-            Choice::Lanes(table) => {
-                let BackendOptions { compute: Compute { precision, .. }, num_envs, .. } = options;
-                simd()
-                    .and_then(|simd| LanesBackend::new(task, table.clone(), precision, simd, num_envs))
+        let num_envs = options.num_envs;
+        match options.physics {
+            Physics::Lanes(precision) => {
+                let refuse = |why: &String| {
+                    SimError::Config(format!("the robot was not compiled for the backend `lanes`: {why}"))
+                };
+                let table = lanes.as_ref().map_err(refuse);
+                table
+                    .and_then(|table| {
+                        LanesBackend::new(task, table.clone(), precision, simd::chosen()?, num_envs)
+                    })
                     .map(|backend| Box::new(backend) as Box<dyn Backend>)
                     .map_err(|error| from_sim(&error))
             }
+            Physics::Mujoco => {
+                let threads = options.threads.min(options.physics.most_threads(num_envs));
+                self.mujoco_backend(task, num_envs, threads)
+            }
+            Physics::Warp(device) => self.warp_backend(task, device, options),
         }
     }
 
-    fn warp_backend(&self, task: Task, options: BackendOptions<'_>) -> PyResult<Box<dyn Backend>> {
-        let BackendOptions { reward, num_envs, compute, room, .. } = options;
+    fn warp_backend(
+        &self,
+        task: Task,
+        device: WarpDevice,
+        options: BackendOptions<'_>,
+    ) -> PyResult<Box<dyn Backend>> {
+        let BackendOptions { reward, num_envs, room, .. } = options;
         let (table, classes) = (self.object.clone().unbind(), self.space.classes().len());
-        let backend = WarpBackend::new(&table, task, reward, num_envs, classes, compute.device, room);
+        let backend = WarpBackend::new(&table, task, reward, num_envs, classes, device, room);
         Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
     }
 
     fn mujoco_backend(&self, task: Task, num_envs: usize, threads: usize) -> PyResult<Box<dyn Backend>> {
         let py = self.object.py();
         let path: PathBuf =
-            py.import("dappo_batch.mujoco_library")?.call_method0("library_path")?.extract()?;
+            py.import("dappo_batch.model.mujoco_library")?.call_method0("library_path")?.extract()?;
         let library = MujocoLibrary::load(&path).map_err(|error| from_sim(&error))?;
         let backend =
             MujocoBackend::new(task, &library, self.model_table()?, self.workers(threads)?, num_envs);
@@ -119,7 +132,7 @@ impl<'py> ClassTable<'py> {
 
     /// The arrays of the models of all classes.
     fn arrays(&self) -> PyResult<Vec<ModelArrays>> {
-        let probe = self.object.py().import("dappo_batch._rotation_correction")?;
+        let probe = self.object.py().import("dappo_batch.model.rotation_correction")?;
         let rotation_correction = probe.call_method0("rotation_correction")?.extract()?;
         let models = self.object.getattr("models")?;
         models
@@ -140,7 +153,8 @@ impl<'py> ClassTable<'py> {
         let models = self.object.getattr("models")?;
         let addresses: Vec<usize> =
             models.try_iter()?.map(|model| model?.getattr("_address")?.extract()).collect::<PyResult<_>>()?;
-        let spec: u32 = py.import("dappo_batch.mujoco_library")?.call_method0("state_spec")?.extract()?;
+        let spec: u32 =
+            py.import("dappo_batch.model.mujoco_library")?.call_method0("state_spec")?.extract()?;
         // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
         // checked that all models have equal sizes.
         let table = unsafe {
@@ -170,7 +184,7 @@ impl<'py> ClassTable<'py> {
             field("sensordata")?,
             main_body_xpos,
         ];
-        let library = data.py().import("dappo_batch.mujoco_library")?;
+        let library = data.py().import("dappo_batch.model.mujoco_library")?;
         let divergences: [usize; 3] = library.call_method1("divergence_counters", (data,))?.extract()?;
         let address: usize = data.getattr("_address")?.extract()?;
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and

@@ -1,7 +1,6 @@
 //! Commands for Python programs: the same as at the terminal, with objects instead of text and exceptions instead of
 //! exit codes.
 
-use std::ffi::OsString;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -9,15 +8,19 @@ use std::thread;
 use std::time::Duration;
 
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
+use crate::cli::args::{Command, DiagnoseArgs, DiagnoseCommand};
 use crate::cli::{self, Caller};
 use crate::errors::{Kind, raise};
+use crate::keywords::read;
 
 /// How long Ctrl-C waits to be noticed.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Runs a command line, without the program's name.
+/// Runs a command: `train`, `evaluate`, `adapt`, `export`, `collect_pairs`, `train_diagnoser` or `evaluate_diagnoser`.
 ///
+/// `arguments` are those of the command line by their names in Python, and `given` says how the command was given.
 /// `callback` gets every object that the command prints with `--json`; when it returns `False`, the command stops in
 /// good order. The command runs in a thread of its own, so that this one hears Ctrl-C.
 #[pyfunction]
@@ -25,10 +28,16 @@ const PATIENCE: Duration = Duration::from_millis(50);
     clippy::redundant_closure_for_method_calls,
     reason = "the method alone fixes the lifetime of its Python"
 )]
-#[pyo3(signature = (arguments, callback=None))]
+#[pyo3(signature = (name, arguments, given, callback=None))]
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
-pub fn run_command(py: Python<'_>, arguments: Vec<OsString>, callback: Option<Py<PyAny>>) -> PyResult<()> {
-    let command = cli::parse(&arguments).map_err(|error| raise(Kind::Config, error.to_string()))?;
+pub fn run_command(
+    py: Python<'_>,
+    name: &str,
+    arguments: Bound<'_, PyDict>,
+    given: String,
+    callback: Option<Py<PyAny>>,
+) -> PyResult<()> {
+    let command = command(name, &arguments)?;
     let stop = Arc::new(AtomicBool::new(false));
     let (objects, received) = channel();
     let caller = Caller::Program { objects, stop: Arc::clone(&stop) };
@@ -46,13 +55,12 @@ pub fn run_command(py: Python<'_>, arguments: Vec<OsString>, callback: Option<Py
     let (stop, hear) = (&stop, &hear);
     py.detach(move || {
         thread::scope(|scope| {
-            let worker =
-                scope.spawn(move || Python::attach(|py| cli::run(py, &command, &arguments, &caller)));
+            let worker = scope.spawn(move || Python::attach(|py| cli::run(py, &command, &[given], &caller)));
             let mut outcome: PyResult<()> = Ok(());
             loop {
                 let heard = match received.recv_timeout(PATIENCE) {
                     // A callback that has raised is not asked again.
-                    Ok(text) if outcome.is_ok() => hear(&text),
+                    Ok((text, _answered)) if outcome.is_ok() => hear(&text),
                     Ok(_) => Ok(()),
                     Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals()),
                     Err(RecvTimeoutError::Disconnected) => break,
@@ -67,5 +75,21 @@ pub fn run_command(py: Python<'_>, arguments: Vec<OsString>, callback: Option<Py
                 .unwrap_or_else(|_| Err(raise(Kind::Simulation, "the thread of the command has died")));
             outcome.and(ended.map(drop))
         })
+    })
+}
+
+/// A command that hands its objects over.
+fn command(name: &str, arguments: &Bound<'_, PyDict>) -> PyResult<Command> {
+    arguments.set_item("json", true)?;
+    let diagnose = |command| Command::Diagnose(DiagnoseArgs { command });
+    Ok(match name {
+        "train" => Command::Train(Box::new(read(arguments)?)),
+        "evaluate" => Command::Evaluate(read(arguments)?),
+        "export" => Command::Export(read(arguments)?),
+        "adapt" => Command::Adapt(Box::new(read(arguments)?)),
+        "collect_pairs" => diagnose(DiagnoseCommand::Collect(Box::new(read(arguments)?))),
+        "train_diagnoser" => diagnose(DiagnoseCommand::Train(read(arguments)?)),
+        "evaluate_diagnoser" => diagnose(DiagnoseCommand::Test(read(arguments)?)),
+        _ => return Err(raise(Kind::Config, format!("there is no command `{name}`"))),
     })
 }

@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_learn::Actor;
-use dappo_learn::config::{Config, Layers};
-use dappo_learn::controller::{Controller, ControllerConfig, Skills};
-use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder};
+use dappo_diagnose::controller::{Controller, ControllerConfig, Skills};
+use dappo_diagnose::export::{DiagnoserSource, Export, RunSource, Sources};
+use dappo_diagnose::{Diagnoser, TrainingFolder};
+use dappo_learn::LearnError;
+use dappo_learn::config::{Assignment, Config, Layers};
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::mean_velocities;
-use dappo_learn::export::{DiagnoserSource, Export, RunSource, Sources};
+use dappo_learn::evaluate::MeanVelocities;
 use dappo_learn::run_folder::RunFolder;
+use dappo_learn::walk::Onboard;
+use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -17,6 +19,7 @@ use pyo3::types::PyDict;
 use crate::cli::policy::{self, LoadedPolicy};
 use crate::errors::{Kind, from_learn, from_sim, raise};
 use crate::factory::{TableFactory, to_python};
+use crate::keywords::assignments;
 use crate::pool::Pool;
 use crate::run_robot::{self, OpenRun, RobotChanged};
 use crate::vector_env::not_contiguous;
@@ -46,13 +49,19 @@ impl Parts {
         factory: &TableFactory,
     ) -> dappo_learn::Result<(Skills, Sources)> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
-        let baselines = mean_velocities(&folder.read_evaluation("per_class.csv")?, &names)?;
-        let (policy, policy_source) = load_actor(folder, config, factory)?;
+        let velocities = MeanVelocities::read(folder)?.ok_or_else(|| {
+            let root = folder.root().display();
+            LearnError::Invalid(format!(
+                "{root} has no table of mean velocities; `dappo-batch evaluate {root}` writes it"
+            ))
+        })?;
+        let baselines = velocities.of(&names)?;
+        let (policy, policy_source) = load_policy(folder, config, factory)?;
         let (expert, expert_source) = match &self.expert {
             None => (policy.clone(), None),
             Some(run) => {
-                let (actor, source) = load_actor(&run.folder, &run.config, factory)?;
-                (actor, Some(source))
+                let (policy, source) = load_policy(&run.folder, &run.config, factory)?;
+                (policy, Some(source))
             }
         };
         let (training, _) = TrainingFolder::open(&self.diagnoser)?;
@@ -65,7 +74,7 @@ impl Parts {
                 fingerprint: Diagnoser::fingerprint(&training.model())?,
             }),
         };
-        Ok((Skills { policy, expert: Expert::new(expert), diagnoser, baselines }, sources))
+        Ok((Skills { policy, expert, diagnoser, baselines }, sources))
     }
 
     /// A controller of `robots` robots made of these parts.
@@ -78,20 +87,20 @@ impl Parts {
         robots: usize,
     ) -> dappo_learn::Result<Controller> {
         let (skills, _) = self.load(folder, config, factory)?;
-        let twins = factory.backend(robots, None, config.evaluation.compute())?;
+        let twins = factory.backend(robots, None, factory.evaluation_physics())?;
         Controller::new(skills, wanted, twins)
     }
 }
 
 /// The policy of a run by itself, and where it comes from.
-pub fn load_actor(
+pub fn load_policy(
     folder: &RunFolder,
     config: &Config,
     factory: &TableFactory,
-) -> dappo_learn::Result<(Actor, RunSource)> {
-    let LoadedPolicy { ppo, env_steps, fingerprint } = policy::load(folder, config, factory)?;
+) -> dappo_learn::Result<(Policy, RunSource)> {
+    let LoadedPolicy { policy, env_steps, fingerprint } = policy::load_trained(folder, config, factory)?;
     let (run, version) = (last_name(folder.root()), folder.version()?);
-    Ok((Actor::of(&ppo)?, RunSource { run, version, env_steps, fingerprint }))
+    Ok((policy, RunSource { run, version, env_steps, fingerprint }))
 }
 
 /// The name of a folder without those above it, which say nothing on another machine.
@@ -99,8 +108,8 @@ fn last_name(folder: &Path) -> String {
     folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The robot of an export with its damage classes, and its configuration.
-pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<(TableFactory, Config)> {
+/// The robot of an export with its damage classes.
+pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<TableFactory> {
     let mut config = export.config().map_err(|error| from_learn(&error))?;
     config.env.threads = Some(threads);
     run_robot::check_export(py, export)?;
@@ -119,16 +128,14 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
         let message = "the observations, actions or damage codes of its robot are not those of its policy; export again";
         return Err(raise(Kind::Checkpoint, message));
     }
-    Ok((factory, config))
+    Ok(factory)
 }
 
-/// The settings of a controller from `KEY=VALUE` texts.
-pub fn settings(trigger: &str, assignments: &[String]) -> dappo_learn::Result<ControllerConfig> {
+/// The settings of a controller.
+pub fn settings(trigger: &str, assignments: &[Assignment]) -> dappo_learn::Result<ControllerConfig> {
     let mut layers = Layers::default();
     layers.set("trigger", trigger)?;
-    for assignment in assignments {
-        layers.set_assignment(assignment)?;
-    }
+    layers.assign(assignments)?;
     let config: ControllerConfig = layers.typed()?;
     config.check()?;
     Ok(config)
@@ -153,7 +160,7 @@ impl PyController {
 #[pymethods]
 impl PyController {
     #[new]
-    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=Vec::new(),
+    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=None,
                         threads=1, robot_changed=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
@@ -163,10 +170,11 @@ impl PyController {
         expert: Option<PathBuf>,
         num_robots: usize,
         trigger: &str,
-        settings: Vec<String>,
+        settings: Option<Bound<'_, PyAny>>,
         threads: usize,
         robot_changed: Option<&str>,
     ) -> PyResult<Self> {
+        let settings = settings.map_or_else(|| Ok(Vec::new()), |given| assignments(&given, "settings"))?;
         let wanted = self::settings(trigger, &settings).map_err(|error| from_learn(&error))?;
         let mut run = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
         run.config.env.threads = Some(threads);
@@ -185,9 +193,9 @@ impl PyController {
         let pool = Pool::new(Some(threads))?;
         let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
         let (skills, settings) = pool.run(py, || export.controller())?;
-        let (factory, config) = open_export(py, &export, threads)?;
+        let factory = open_export(py, &export, threads)?;
         let controller = pool.run(py, || {
-            let twins = factory.backend(num_robots, None, config.evaluation.compute())?;
+            let twins = factory.backend(num_robots, None, factory.evaluation_physics())?;
             Controller::new(skills, settings, twins)
         })?;
         Ok(Self::wrap(controller, pool))

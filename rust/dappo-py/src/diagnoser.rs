@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use dappo_learn::Actor;
-use dappo_learn::config::Config;
-use dappo_learn::diagnose::trajectory::Trajectories;
-use dappo_learn::diagnose::{Diagnoser, Expert, TrainingFolder, Window};
+use dappo_diagnose::trajectory::Trajectories;
+use dappo_diagnose::{Diagnoser, TrainingFolder, Window};
 use dappo_learn::envs::EnvFactory;
+use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -21,9 +20,8 @@ use crate::vector_env::not_contiguous;
 #[pyclass(name = "Diagnoser", module = "dappo_batch._core")]
 pub struct PyDiagnoser {
     diagnoser: Diagnoser,
-    expert: Expert,
+    expert: Policy,
     factory: TableFactory,
-    config: Config,
     pool: Pool,
 }
 
@@ -49,8 +47,7 @@ impl PyDiagnoser {
         // Threads are a matter of this machine, not of the one that trained.
         config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;
-        let actor = pool.run(py, || Actor::of(&policy::load(&run, &config, &factory)?.ppo))?;
-        let expert = Expert::new(actor);
+        let expert = pool.run(py, || policy::load_trained(&run, &config, &factory))?.policy;
         let description = diagnoser.description();
         let (knows, classes) = (description.subject.classes(), factory.space().classes().len());
         if (description.obs_dim, knows) != (expert.obs_dim(), classes) {
@@ -64,7 +61,7 @@ impl PyDiagnoser {
                 ),
             ));
         }
-        Ok(Self { diagnoser, expert, factory, config, pool })
+        Ok(Self { diagnoser, expert, factory, pool })
     }
 
     /// Length of an observation, without damage code.
@@ -139,7 +136,7 @@ impl PyDiagnoser {
         };
         let led = self.diagnoser.description().twin;
         self.pool.run(py, || {
-            let twins = self.factory.backend(robots, None, self.config.evaluation.compute())?;
+            let twins = self.factory.backend(robots, None, self.factory.evaluation_physics())?;
             trajectories.windows(led, &self.expert, twins)
         })
     }

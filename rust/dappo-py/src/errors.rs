@@ -4,6 +4,7 @@
 //! `SimulationError` (also a `RuntimeError`), `CheckpointError` (also a `RuntimeError`).
 
 use dappo_learn::LearnError;
+use dappo_nn::NnError;
 use dappo_sim::SimError;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -106,6 +107,30 @@ pub fn raise(kind: Kind, message: impl Into<String>) -> PyErr {
     })
 }
 
+/// Results of the other crates, whose errors become Python exceptions.
+pub trait OrRaise<T> {
+    /// The value, or the exception.
+    fn or_raise(self) -> PyResult<T>;
+}
+
+impl<T> OrRaise<T> for Result<T, LearnError> {
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(|error| from_learn(&error))
+    }
+}
+
+impl<T> OrRaise<T> for Result<T, NnError> {
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(|error| raise(nn_kind(&error), error.to_string()))
+    }
+}
+
+impl<T> OrRaise<T> for Result<T, SimError> {
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(|error| from_sim(&error))
+    }
+}
+
 /// A simulation error as a Python exception.
 pub fn from_sim(error: &SimError) -> PyErr {
     let kind = match error {
@@ -125,11 +150,9 @@ pub fn from_sim(error: &SimError) -> PyErr {
 pub fn from_learn(error: &LearnError) -> PyErr {
     let kind = match error {
         LearnError::Sim(error) => return from_sim(error),
+        LearnError::Nn(error) => nn_kind(error),
         LearnError::Config { .. } | LearnError::Settings(_) | LearnError::Invalid(_) => Kind::Config,
-        LearnError::Length { .. } => Kind::Shape,
-        LearnError::NonFinite { .. } | LearnError::Diverged { .. } | LearnError::Tensor { .. } => {
-            Kind::Simulation
-        }
+        LearnError::Diverged { .. } => Kind::Simulation,
         LearnError::Mismatch { .. }
         | LearnError::Checkpoint { .. }
         | LearnError::Dataset { .. }
@@ -137,6 +160,15 @@ pub fn from_learn(error: &LearnError) -> PyErr {
         | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
+}
+
+fn nn_kind(error: &NnError) -> Kind {
+    match error {
+        NnError::Config { .. } | NnError::Invalid(_) => Kind::Config,
+        NnError::Length { .. } => Kind::Shape,
+        NnError::NonFinite { .. } | NnError::Tensor { .. } => Kind::Simulation,
+        NnError::Record(_) => Kind::Checkpoint,
+    }
 }
 
 /// The way back: what an exception of Python code means to a simulation.

@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 
-use dappo_learn::Actor;
-use dappo_learn::controller::Skills;
-use dappo_learn::evaluate::Policy;
-use dappo_learn::export::Export;
+use dappo_diagnose::controller::Skills;
+use dappo_diagnose::export::Export;
+use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -44,7 +43,7 @@ impl PyExportedNetworks {
         py: Python<'py>,
         rows: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        self.mean_actions(py, self.skills.expert.actor(), &rows)
+        self.mean_actions(py, &self.skills.expert, &rows)
     }
 
     /// Probabilities of the damage classes, given raw windows.
@@ -63,11 +62,12 @@ impl PyExportedNetworks {
     fn mean_actions<'py>(
         &self,
         py: Python<'py>,
-        actor: &Actor,
+        policy: &Policy,
         rows: &PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let inputs = rows.as_slice().map_err(not_contiguous)?;
-        table(py, self.pool.run(py, || actor.mean_actions(inputs))?, rows.shape()[0])
+        let actions = self.pool.run(py, || dappo_learn::Result::Ok(policy.mean_actions(inputs)?))?;
+        table(py, actions, rows.shape()[0])
     }
 }
 

@@ -4,12 +4,11 @@ use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::memory::check_training;
-use dappo_learn::{Compute, Simulator};
-use dappo_sim::backend::Choice;
-use dappo_sim::backend::lanes::simd;
+use dappo_sim::backend::lanes::LaneTable;
+use dappo_sim::simd;
 use dappo_sim::terms::Task;
 use dappo_sim::threads::available;
-use dappo_sim::{Backend, BackendKind, DamageSpace, Device, Layout, Robot, SimError};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -29,8 +28,10 @@ pub struct TableFactory {
     /// Threads of the pool that the backends will compute in.
     threads: usize,
     room: Room,
-    /// The backend on the CPU.
-    choice: Choice,
+    /// The robot as the lane engine knows it, or why libmujoco simulates it on the CPU.
+    lanes: Result<LaneTable, String>,
+    training: Physics,
+    evaluation: Physics,
 }
 
 impl TableFactory {
@@ -42,24 +43,27 @@ impl TableFactory {
         options.set_item("severity", config.damage.severity)?;
         options.set_item("physics", config.env.physics.clone())?;
         options.set_item("damage_options", to_python(py, &config.damage.options)?)?;
-        let module = py.import("dappo_batch.class_table")?;
+        let module = py.import("dappo_batch.model")?;
         let robot = match &config.robot_file {
             Some(path) => path.into_bound_py_any(py)?,
             None => config.robot.as_str().into_bound_py_any(py)?,
         };
         let object = module.call_method("compile_class_table", (robot,), Some(&options))?;
         let table = ClassTable::read(&object)?;
-        let choice = table.choose(config.env.backend)?;
-        if let Choice::Lanes(_) = choice {
+        let lanes = table.lane_table(config.env.backend)?;
+        if lanes.is_ok() {
             // An instruction set that cannot be used is to be known before there is a run folder.
-            simd().map_err(|error| from_sim(&error))?;
+            simd::chosen().map_err(|error| from_sim(&error))?;
         }
         let integrator = py
-            .import("dappo_batch.mujoco_library")?
+            .import("dappo_batch.model.mujoco_library")?
             .call_method1("integrator_name", (&object,))?
             .extract()?;
+        let physics = |device, precision| Physics::new(device, lanes.is_ok(), precision);
         Ok(Self {
-            choice,
+            training: physics(config.env.device, config.env.precision),
+            evaluation: physics(config.evaluation.device, config.evaluation.precision),
+            lanes,
             robot: table.robot,
             space: table.space,
             layout: table.layout,
@@ -77,7 +81,7 @@ impl TableFactory {
 
     /// The backend that the configuration means for this robot on the CPU.
     pub fn backend_kind(&self) -> BackendKind {
-        self.choice.kind()
+        if self.lanes.is_ok() { BackendKind::Lanes } else { BackendKind::Mujoco }
     }
 
     /// Fails if a training of this configuration does not fit the memory.
@@ -86,12 +90,12 @@ impl TableFactory {
     }
 
     /// A line about what simulates: which backend, how precise, where, and why not the faster one.
-    pub fn describe(&self, compute: Compute) -> String {
-        let Simulator { backend, precision, device, .. } = self.simulator(compute);
-        match self.choice.note() {
-            _ if compute.device.is_warp() => format!("backend {backend}, {precision}, device {device}"),
-            "" => format!("backend {backend}, {precision}"),
-            note => format!("backend {backend}, {precision}: {note}"),
+    pub fn describe(&self, physics: Physics) -> String {
+        let what = format!("backend {}, {}", physics.backend(), physics.precision());
+        match (physics, &self.lanes) {
+            (Physics::Warp(device), _) => format!("{what}, device {}", device.name()),
+            (Physics::Mujoco, Err(note)) if !note.is_empty() => format!("{what}: {note}"),
+            (Physics::Lanes(_) | Physics::Mujoco, _) => what,
         }
     }
 
@@ -101,10 +105,8 @@ impl TableFactory {
     }
 
     /// Integrator of the compiled models, as MuJoCo names it.
-    pub fn integrator(&self, py: Python<'_>) -> PyResult<String> {
-        py.import("dappo_batch.mujoco_library")?
-            .call_method1("integrator_name", (self.table.bind(py),))?
-            .extract()
+    pub fn integrator(&self) -> &str {
+        &self.integrator
     }
 }
 
@@ -129,42 +131,43 @@ impl EnvFactory for TableFactory {
         Ok(Sizes { obs_dim: task.obs_dim() + code_length, code_length, action_dim: self.layout.nu })
     }
 
-    fn simulator(&self, compute: Compute) -> Simulator {
-        let (backend, precision, device) = if compute.device.is_warp() {
-            ("warp", "f32", compute.device)
-        } else {
-            (self.choice.kind().name(), self.choice.precision(compute.precision), Device::Cpu)
-        };
-        Simulator {
-            backend: backend.into(),
-            precision: precision.into(),
-            device: device.name().into(),
-            physics: self.integrator.clone(),
-        }
+    fn integrator(&self) -> &str {
+        &self.integrator
+    }
+
+    fn training_physics(&self) -> Physics {
+        self.training
+    }
+
+    fn evaluation_physics(&self) -> Physics {
+        self.evaluation
     }
 
     fn backend(
         &self,
         num_envs: usize,
         reward: Option<&str>,
-        compute: Compute,
+        physics: Physics,
     ) -> Result<Box<dyn Backend>, SimError> {
-        let options = BackendOptions { reward, num_envs, threads: self.threads, compute, room: self.room };
+        let options = BackendOptions { reward, num_envs, threads: self.threads, physics, room: self.room };
         Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
-                .and_then(|table| table.backend(&self.choice, options))
+                .and_then(|table| table.backend(&self.lanes, options))
                 .map_err(|error| to_sim(py, &error))
         })
     }
 
     fn engine(&self, config: &Config) -> dappo_learn::Result<Box<dyn RolloutEngine>> {
-        let (envs, compute) = (self.env_config(config)?, config.env.compute());
-        if compute.device.is_warp() {
-            let sizes = self.sizes(config)?;
-            let engine = WarpEngine::new(&self.table, compute.device, self.room, config, &envs, sizes)?;
-            return Ok(Box::new(engine));
+        let envs = self.env_config(config)?;
+        match self.training {
+            Physics::Lanes(_) | Physics::Mujoco => {
+                let env = self.make(envs, config.env.reward.as_deref(), self.training)?;
+                Ok(Box::new(HostEngine::new(env, config)?))
+            }
+            Physics::Warp(device) => {
+                let sizes = self.sizes(config)?;
+                Ok(Box::new(WarpEngine::new(&self.table, device, self.room, config, &envs, sizes)?))
+            }
         }
-        let env = self.make(envs, config.env.reward.as_deref(), compute)?;
-        Ok(Box::new(HostEngine::new(env, config)?))
     }
 }

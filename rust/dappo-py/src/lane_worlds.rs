@@ -1,8 +1,9 @@
 //! `LaneWorlds` in Python: the bare lane engine, for tests and research.
 
 use dappo_sim::BackendKind;
-use dappo_sim::backend::lanes::{Group, LaneTable, Readout, Simd, Sizes, select_simd, simd};
-use dappo_sim::backend::{Choice, Precision};
+use dappo_sim::backend::Precision;
+use dappo_sim::backend::lanes::{Group, LaneTable, Readout, Sizes};
+use dappo_sim::simd::{self, Simd};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -92,10 +93,7 @@ impl PyLaneWorlds {
 
 /// The lane engine's view of a class table; any robot that it does not know is refused.
 fn lane_table(table: &Bound<'_, PyAny>) -> PyResult<LaneTable> {
-    match ClassTable::read(table)?.choose(BackendKind::Lanes)? {
-        Choice::Lanes(table) => Ok(table),
-        Choice::Mujoco { note } => Err(raise(Kind::Config, note)),
-    }
+    ClassTable::read(table)?.lane_table(BackendKind::Lanes)?.map_err(|note| raise(Kind::Config, note))
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
@@ -111,8 +109,8 @@ impl PyLaneWorlds {
     ) -> PyResult<Self> {
         let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
         let simd = match simd {
-            None => self::simd(),
-            name => select_simd(name, "simd"),
+            None => simd::chosen(),
+            name => simd::select(name, "simd"),
         };
         let simd = simd.map_err(|error| from_sim(&error))?;
         let table = lane_table(table)?;

@@ -11,6 +11,7 @@ mod errors;
 mod exported_networks;
 mod factory;
 mod files;
+mod keywords;
 mod lane_worlds;
 mod model_reader;
 mod policy;
@@ -42,5 +43,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(files::write_file, module)?)?;
     module.add_function(wrap_pyfunction!(cli::run_cli, module)?)?;
     module.add_function(wrap_pyfunction!(command::run_command, module)?)?;
+    module.add_function(wrap_pyfunction!(keywords::check_settings, module)?)?;
     Ok(())
 }

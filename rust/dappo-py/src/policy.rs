@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use dappo_diagnose::export::Export;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::Policy;
-use dappo_learn::export::Export;
+use dappo_nn::Policy;
 use dappo_sim::DamageSpace;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -20,14 +20,11 @@ use crate::vector_env::not_contiguous;
 /// A trained policy without exploration noise.
 #[pyclass(name = "Policy", module = "dappo_batch._core")]
 pub struct PyPolicy {
-    policy: Box<dyn Policy + Send + Sync>,
+    policy: Policy,
     pool: Pool,
     space: DamageSpace,
     /// Damage codes of all classes, `[classes, code_length]`; empty rows for a policy that observes no damage.
     codes: Vec<f32>,
-    code_length: usize,
-    obs_dim: usize,
-    action_dim: usize,
     env_steps: u64,
 }
 
@@ -46,11 +43,9 @@ impl PyPolicy {
         let pool = Pool::new(threads)?;
         let OpenRun { folder, config, .. } = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
         let factory = TableFactory::compile(py, &config)?;
-        let LoadedPolicy { ppo, env_steps, .. } =
+        let LoadedPolicy { policy, env_steps, .. } =
             pool.run(py, || policy::load(&folder, &config, &factory))?;
-        let (width, code_length) = (ppo.normalizer().obs_dim(), ppo.normalizer().code_length());
-        let sizes = [width, code_length, ppo.actor_critic().action_dim()];
-        Ok(Self::new(Box::new(ppo), pool, factory.space(), sizes, env_steps))
+        Ok(Self::new(policy, pool, factory.space(), env_steps))
     }
 
     /// Reads the policy of an export folder.
@@ -59,29 +54,27 @@ impl PyPolicy {
     fn from_export(py: Python<'_>, folder: PathBuf, threads: Option<usize>) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
         let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
-        let (factory, _) = controller::open_export(py, &export, 1)?;
+        let factory = controller::open_export(py, &export, 1)?;
         let policy = pool.run(py, || export.policy())?;
-        let (header, code_length) = (export.header(), policy.code_length());
-        let sizes = [header.obs_dim + code_length, code_length, header.action_dim];
-        Ok(Self::new(Box::new(policy), pool, factory.space(), sizes, header.sources.policy.env_steps))
+        Ok(Self::new(policy, pool, factory.space(), export.header().sources.policy.env_steps))
     }
 
     /// Length of an observation, without damage code.
     #[getter]
     fn obs_dim(&self) -> usize {
-        self.obs_dim
+        self.policy.obs_dim()
     }
 
     /// Length of an action.
     #[getter]
     fn action_dim(&self) -> usize {
-        self.action_dim
+        self.policy.action_dim()
     }
 
     /// Whether the policy is told the damage class.
     #[getter]
     fn observes_damage(&self) -> bool {
-        self.code_length > 0
+        self.policy.code_length() > 0
     }
 
     /// Names of the damage classes.
@@ -109,57 +102,43 @@ impl PyPolicy {
         damage_classes: PyReadonlyArray1<'py, i64>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let robots = obs.shape()[0];
-        if obs.shape()[1] != self.obs_dim || damage_classes.shape() != [robots] {
+        if obs.shape()[1] != self.policy.obs_dim() || damage_classes.shape() != [robots] {
             return Err(raise(
                 Kind::Shape,
                 format!(
                     "obs have shape {:?} and damage_class {:?}, expected [N, {}] (without damage code) and [N]",
                     obs.shape(),
                     damage_classes.shape(),
-                    self.obs_dim
+                    self.policy.obs_dim()
                 ),
             ));
         }
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let classes = damage_classes.as_slice().map_err(not_contiguous)?;
         let told = self.tell(rows, classes)?;
-        let actions = self.pool.run(py, || self.policy.mean_actions(&told))?;
-        PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
+        let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&told)?))?;
+        PyArray1::from_vec(py, actions).reshape([robots, self.policy.action_dim()])
     }
 }
 
 impl PyPolicy {
-    fn new(
-        policy: Box<dyn Policy + Send + Sync>,
-        pool: Pool,
-        space: &DamageSpace,
-        [width, code_length, action_dim]: [usize; 3],
-        env_steps: u64,
-    ) -> Self {
-        Self {
-            policy,
-            pool,
-            codes: if code_length > 0 { space.codes() } else { Vec::new() },
-            space: space.clone(),
-            code_length,
-            obs_dim: width - code_length,
-            action_dim,
-            env_steps,
-        }
+    fn new(policy: Policy, pool: Pool, space: &DamageSpace, env_steps: u64) -> Self {
+        let codes = if policy.code_length() > 0 { space.codes() } else { Vec::new() };
+        Self { policy, pool, codes, space: space.clone(), env_steps }
     }
 
     /// Puts the code of its class behind every observation.
     fn tell(&self, rows: &[f32], classes: &[i64]) -> PyResult<Vec<f32>> {
-        let known = self.space.classes().len();
-        let mut told = Vec::with_capacity(classes.len() * (self.obs_dim + self.code_length));
-        for (row, &class) in rows.chunks_exact(self.obs_dim).zip(classes) {
+        let (known, code_length) = (self.space.classes().len(), self.policy.code_length());
+        let mut told = Vec::with_capacity(classes.len() * self.policy.transform().width());
+        for (row, &class) in rows.chunks_exact(self.policy.obs_dim()).zip(classes) {
             let Some(class) = usize::try_from(class).ok().filter(|&class| class < known) else {
                 let message =
                     format!("damage class {class} does not exist; the classes are 0 to {}", known - 1);
                 return Err(raise(Kind::Config, message));
             };
             told.extend_from_slice(row);
-            told.extend_from_slice(&self.codes[class * self.code_length..][..self.code_length]);
+            told.extend_from_slice(&self.codes[class * code_length..][..code_length]);
         }
         Ok(told)
     }

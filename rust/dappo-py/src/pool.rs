@@ -1,17 +1,22 @@
 //! Where Python objects and commands compute.
 
 use dappo_learn::LearnError;
+use dappo_learn::config::MOST_THREADS;
 use dappo_sim::ThreadPool;
 use pyo3::prelude::*;
 
-use crate::errors::{from_learn, from_sim};
+use crate::errors::{Kind, from_learn, from_sim, raise};
 
 /// The worker threads of a Python object or a command.
 pub struct Pool(ThreadPool);
 
 impl Pool {
-    /// Starts so many threads, one for each core for `None`.
+    /// Starts so many threads, one for each core for `None`; refuses 0 and more than [`MOST_THREADS`].
     pub fn new(threads: Option<usize>) -> PyResult<Self> {
+        if let Some(threads) = threads.filter(|threads| !(1..=MOST_THREADS).contains(threads)) {
+            let message = format!("`threads` is {threads}, expected a whole number from 1 to {MOST_THREADS}");
+            return Err(raise(Kind::Config, message));
+        }
         ThreadPool::new(threads).map(Self).map_err(|error| from_sim(&error))
     }
 

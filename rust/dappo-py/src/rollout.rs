@@ -1,6 +1,5 @@
 //! One rollout as numpy arrays: what the learner sees, for tests and research.
 
-use clap::Parser;
 use dappo_learn::Ppo;
 use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::episodes::EpisodeTracker;
@@ -10,31 +9,27 @@ use pyo3::types::PyDict;
 
 use crate::cli::args::ConfigArgs;
 use crate::cli::settings;
-use crate::errors::{Kind, raise};
+use crate::keywords::read;
 use crate::pool::Pool;
-
-#[derive(Debug, Parser)]
-#[command(name = "collect_rollout")]
-struct Arguments {
-    #[command(flatten)]
-    config: ConfigArgs,
-}
 
 /// Collects the first rollout of a training: the one that `dappo-batch train` with the same arguments begins with.
 #[pyfunction]
-pub fn collect_rollout(py: Python<'_>, arguments: Vec<String>) -> PyResult<Bound<'_, PyDict>> {
-    let arguments = Arguments::try_parse_from(std::iter::once("collect_rollout".to_owned()).chain(arguments))
-        .map_err(|error| raise(Kind::Config, error.to_string()))?;
-    let mut config = settings::resolve(py, &arguments.config)?;
+#[pyo3(signature = (**arguments))]
+pub fn collect_rollout<'py>(
+    py: Python<'py>,
+    arguments: Option<Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let arguments: ConfigArgs = read(&arguments.unwrap_or_else(|| PyDict::new(py)))?;
+    let mut config = settings::resolve(py, &arguments)?;
     let pool = Pool::new(config.env.threads)?;
     let factory = settings::ready(py, &mut config)?;
     let (start, rollout) = pool.run(py, || -> dappo_learn::Result<_> {
         let Sizes { obs_dim, code_length, action_dim } = factory.sizes(&config)?;
-        let device = dappo_learn::cpu();
+        let device = dappo_nn::cpu();
         let ppo = Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?;
         let mut engine = factory.engine(&config)?;
         let start = engine.snapshot()?;
-        let rollout = engine.collect(&ppo, &mut EpisodeTracker::new(config.env.num_envs), 0)?;
+        let rollout = engine.collect(&ppo.frozen()?, &mut EpisodeTracker::new(config.env.num_envs), 0)?;
         Ok((start, rollout))
     })?;
     let (steps, envs) = (rollout.horizon, rollout.num_envs);

@@ -5,14 +5,14 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use dappo_diagnose::export::Export;
 use dappo_learn::config::Config;
-use dappo_learn::export::Export;
 use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::RunFolder;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
-use crate::cli::console;
+use crate::cli::console::note;
 use crate::errors::{Kind, from_learn, raise};
 use crate::factory::to_python;
 
@@ -89,8 +89,11 @@ impl RobotCopy {
 
 /// Fails if the robot of an export, which may come from somebody else, needs other files than those of the export.
 pub fn check_export(py: Python<'_>, export: &Export) -> PyResult<()> {
-    let names: Vec<&String> = export.header().files.keys().collect();
-    module(py)?.call_method1("check_export", (export.folder(), names)).map(drop)
+    let files = PyDict::new(py);
+    for (name, content) in export.robot_files().map_err(|error| from_learn(&error))? {
+        files.set_item(name, PyBytes::new(py, &content))?;
+    }
+    py.import("dappo_batch.robots.copies")?.call_method1("check_confined", (export.folder(), files)).map(drop)
 }
 
 fn extract((name, content): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyResult<(String, Vec<u8>)> {
@@ -98,7 +101,7 @@ fn extract((name, content): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyResult<(S
 }
 
 fn module(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
-    py.import("dappo_batch.robots.of_runs")
+    py.import("dappo_batch.runs.robot_of_run")
 }
 
 /// A run, and the robot that it is simulated with.
@@ -124,11 +127,11 @@ impl OpenRun {
         let found = module(py)?.call_method1("robot_of_run", (root, &config.robot, damage, choice))?;
         let (robot_file, copy, has_copy): (Option<PathBuf>, Py<PyAny>, bool) = found.extract()?;
         if !has_copy {
-            console::note(&format!(
+            note!(
                 "{} keeps no copy of its robot, as runs of earlier versions do not: {} is used as it is now",
                 root.display(),
                 config.robot
-            ));
+            );
         }
         config.robot_file = robot_file;
         let is_kept = has_copy && changed != Some(RobotChanged::UseFile);

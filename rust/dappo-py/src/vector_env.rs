@@ -1,7 +1,6 @@
 //! `VectorEnv` in Python: N damage-randomised episodes on all cores.
 
-use dappo_learn::Compute;
-use dappo_sim::backend::{BackendKind, Device, Precision};
+use dappo_sim::backend::{BackendKind, Device, Physics, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::threads::available;
 use dappo_sim::vector_env::{
@@ -120,7 +119,7 @@ impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
                         max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None,
-                        device="cpu", backend="auto", precision="f32"))]
+                        device="cpu", backend="auto", precision="f32", njmax=None, nconmax=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
         table: &Bound<'_, PyAny>,
@@ -136,6 +135,8 @@ impl PyVectorEnv {
         device: &str,
         backend: &str,
         precision: &str,
+        njmax: Option<usize>,
+        nconmax: Option<usize>,
     ) -> PyResult<Self> {
         let wish = Device::parse(device).map_err(|error| from_sim(&error))?;
         let device = warp::resolve(wish).map_err(|error| from_sim(&error))?;
@@ -155,14 +156,13 @@ impl PyVectorEnv {
             classes,
             onset: Onset { first: onset.0, last: onset.1 },
         };
-        let choice = table.choose(kind)?;
-        let compute = Compute { device, precision };
-        // More threads than envs would have nothing to do, and a GPU is led by one.
-        let most = if device.is_warp() { 1 } else { num_envs.max(1) };
+        let lanes = table.lane_table(kind)?;
+        let physics = Physics::new(device, lanes.is_ok(), precision);
+        let most = physics.most_threads(num_envs);
         let pool = Pool::new(Some(threads.unwrap_or_else(available).min(most)))?;
         let threads = pool.num_threads();
-        let options = BackendOptions { reward, num_envs, threads, compute, room: Room::default() };
-        let backend = table.backend(&choice, options)?;
+        let options = BackendOptions { reward, num_envs, threads, physics, room: Room { njmax, nconmax } };
+        let backend = table.backend(&lanes, options)?;
         let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
         Ok(Self {
             running: Some(Running { env, pool }),
@@ -170,8 +170,11 @@ impl PyVectorEnv {
             num_envs,
             nq: table.layout.nq,
             nv: table.layout.nv,
-            backend_note: if device.is_warp() { String::new() } else { choice.note().to_owned() },
-            device: device.name(),
+            backend_note: match (physics, lanes) {
+                (Physics::Mujoco, Err(note)) => note,
+                (Physics::Lanes(_) | Physics::Mujoco | Physics::Warp(_), _) => String::new(),
+            },
+            device: physics.device(),
         })
     }
 

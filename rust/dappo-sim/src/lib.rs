@@ -19,11 +19,12 @@ mod error;
 pub mod memory;
 pub mod rng;
 pub mod robot;
+pub mod simd;
 pub mod terms;
 pub mod threads;
 pub mod vector_env;
 
-pub use backend::{Backend, BackendKind, Device, Layout, Precision, Reset, StepOutputs};
+pub use backend::{Backend, BackendKind, Device, Layout, Physics, Precision, Reset, StepOutputs, WarpDevice};
 pub use damage::{Damage, DamageClass, DamageSpace};
 pub use error::SimError;
 pub use robot::Robot;

@@ -278,6 +278,12 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
             ("[reset]", "[rset]", "unknown entries rset"),
             ("[reset]\nqpos_noise = 0\nqvel_noise = 0.1", "[other]\na = 1", "the entry `reset` is missing"),
             ("[damage]", "[damage", "it is not valid TOML"),
+            (
+                "[reset]",
+                "[pictures]\ncamera = 5\n[reset]",
+                "[pictures]: `camera` is 5, expected a text in quotes",
+            ),
+            ("[reset]", "[pictures]\nlight = \"dim\"\n[reset]", "[pictures]: unknown entries light"),
         ] {
             assert_eq!(GOOD.matches(old).count(), 1, "{old}");
             let faults = Robot::faults(&GOOD.replace(old, new));

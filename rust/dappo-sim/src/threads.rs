@@ -53,7 +53,7 @@ impl ThreadPool {
 /// The threads of one process. A fork copies the memory of a pool but none of its threads, so that whoever waits for
 /// them waits for ever.
 ///
-/// There is no lock here that another thread could hold at the moment of a fork.
+/// No lock is held while threads start. That of `next` is held only while a generation that is complete is put into it.
 struct Generation {
     process: u32,
     pool: Option<rayon::ThreadPool>,

@@ -109,7 +109,7 @@ def environment(rng: Random, room: Room) -> None:
             "device": "cpu",
             "backend": "lanes",
         },
-        **{"precision": "f64", "copy": True},
+        **{"precision": "f64", "copy": True, "njmax": 50, "nconmax": 9, "render_mode": None},
     }
     chosen = _options(rng, valid)
     chosen.setdefault("threads", 1)

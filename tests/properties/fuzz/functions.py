@@ -15,10 +15,10 @@ from . import mutate, values
 from .files import WORK
 from .room import Room
 
-SIZES = ("robot", "envs", "steps", "episodes", "at", "set", "rollouts", "timesteps", "data")
+SIZES = ("robot", "num_envs", "total_steps", "episodes", "at", "set", "rollouts", "timesteps", "data")
 """Options that are never left out: with those by default a command would take long."""
 TRAINING: dict[str, Any] = {
-    **{"envs": 2, "steps": 16, "seed": 1, "unaware": True, "healthy": False, "reward": "paper"},
+    **{"num_envs": 2, "total_steps": 16, "seed": 1, "unaware": True, "healthy": False, "reward": "paper"},
     **{"physics": "euler", "backend": "lanes", "precision": "f32", "learner": "cpu", "device": "cpu"},
     "set": {"ppo.hidden": [4], "horizon": 8, "evaluation.episodes": 1, "damage": {"max_damaged_limbs": 1}},
 }
@@ -105,7 +105,7 @@ def _train(room: Room) -> _Call:
 
 
 def _resume(room: Room) -> _Call:
-    return dappo_batch.resume, [room.copy("run")], {"steps": 32, "learner": "cpu", "callback": _stop}
+    return dappo_batch.resume, [room.copy("run")], {"total_steps": 32, "learner": "cpu", "callback": _stop}
 
 
 def _evaluate(room: Room) -> _Call:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from hashlib import sha256
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dappo_batch import ClassTable
-from dappo_batch._core import run_cli, run_command
+from dappo_batch._core import run_cli
 
 ROBOT = Path(__file__).parents[2] / "python" / "robots"
 
@@ -54,7 +55,8 @@ def prepare(base: Path) -> None:
     os.chdir(base)
     try:
         for command in COMMANDS:
-            run_command(list(command))
+            code = run_cli(list(command))
+            assert code == 0, (command, code)
     finally:
         os.chdir(before)
 
@@ -109,18 +111,29 @@ class Room:
 
     def command(self, argv: Sequence[str]) -> None:
         """Run a command line as the terminal does."""
-        code = self.call(run_cli, list(argv))
+        self._note_code(self.call(run_cli, list(argv)))
+
+    def stopped_command(self, argv: Sequence[str]) -> None:
+        """Run a command line in a process of its own that Ctrl-C stops as soon as it prints something."""
+        reader, writer = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.dup2(writer, 1)
+            os._exit(run_cli(list(argv)))
+        self.notes.append(f"a process: run_cli({list(argv)!r})")
+        os.close(writer)
+        with open(reader, "rb") as output:
+            if output.read(1):
+                os.kill(child, signal.SIGINT)
+            while output.read(2**16):
+                pass
+        _, status = os.waitpid(child, 0)
+        self._note_code(os.waitstatus_to_exitcode(status))
+
+    def _note_code(self, code: int) -> None:
         self.codes.append(code)
         if code not in (0, 1, 2, 130):
             raise BadExit(f"exit code {code}")
-
-    def stopped_command(self, argv: Sequence[str]) -> None:
-        """Run a command line as a program does that stops it at the first word."""
-        self.call(run_command, list(argv), _stop)
-
-
-def _stop(_: object) -> bool:
-    return False
 
 
 def _shown(value: object) -> str:

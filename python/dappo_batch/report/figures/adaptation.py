@@ -12,7 +12,7 @@ from dappo_batch.report.picture import Picture, canvas, legend
 from dappo_batch.report.sources import Trace
 from dappo_batch.report.theme import INK, MUTED, PAPER, SERIES
 from dappo_batch.runs import Run
-from dappo_batch.tables import Table
+from dappo_batch.runs.tables import Table
 
 __all__ = ["kept", "shares", "walks"]
 

@@ -1,19 +1,29 @@
-//! The state of the envs and of their running episodes, as one binary file.
+//! The state of the envs and of their running episodes, as one file.
 //!
-//! Little-endian: a header of four u64 (magic, envs, row, observations), then the arrays in the order written below.
+//! | array of `envs.safetensors` | shape | holds |
+//! |---|---|---|
+//! | `worlds` | `[N, row]` f64 | states of the backend |
+//! | `classes` | `[N]` u64 | damage classes |
+//! | `episodes` | `[N, 6]` u64 | where the episodes stand, and their random streams |
+//! | `obs` | `[N · O]` f32 | last observations |
+//! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
+//!
 //! JSON would not do: it has no NaN and a world may hold one.
 
 use std::path::Path;
 
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::files::{Files, write_new};
 use crate::records::unreadable;
 
-const FILE: &str = "envs.bin";
+const FILE: &str = "envs.safetensors";
+/// The file of earlier versions, see [`parse_earlier`].
+const EARLIER_FILE: &str = "envs.bin";
 /// Far above the state of any number of envs that a computer holds, bytes.
 const LONGEST: u64 = 1 << 34;
 /// "DAPPOENV" in little-endian order.
@@ -31,58 +41,146 @@ pub struct EnvState {
 impl EnvState {
     /// Writes the state into a checkpoint folder.
     pub fn save(&self, folder: &Path) -> Result<()> {
-        let backend = &self.envs.backend;
+        let (path, backend) = (folder.join(FILE), &self.envs.backend);
         let envs = backend.classes.len();
-        let mut bytes = Vec::new();
-        for number in [MAGIC, envs as u64, backend.row as u64, self.envs.obs.len() as u64] {
-            bytes.extend(number.to_le_bytes());
-        }
-        bytes.extend(backend.rows.iter().flat_map(|x| x.to_le_bytes()));
-        bytes.extend(backend.classes.iter().flat_map(|&x| (x as u64).to_le_bytes()));
-        bytes.extend(self.envs.episodes.iter().flatten().flat_map(|x| x.to_le_bytes()));
-        bytes.extend(self.envs.obs.iter().flat_map(|x| x.to_le_bytes()));
-        for sums in [&self.episodes.forward, &self.episodes.returns, &self.episodes.lengths] {
-            bytes.extend(sums.iter().flat_map(|x| x.to_le_bytes()));
-        }
-        write_new(&folder.join(FILE), &bytes)
+        let EpisodeTracker { forward, returns, lengths, .. } = &self.episodes;
+        let sums = |sums: &[f64]| (Dtype::F64, vec![envs], bytes(sums.iter().copied(), f64::to_le_bytes));
+        let episodes = self.envs.episodes.iter().flatten().copied();
+        let classes = backend.classes.iter().map(|&class| class as u64);
+        let arrays = [
+            (
+                "worlds",
+                (Dtype::F64, vec![envs, backend.row], bytes(backend.rows.iter().copied(), f64::to_le_bytes)),
+            ),
+            ("classes", (Dtype::U64, vec![envs], bytes(classes, u64::to_le_bytes))),
+            ("episodes", (Dtype::U64, vec![envs, 6], bytes(episodes, u64::to_le_bytes))),
+            (
+                "obs",
+                (
+                    Dtype::F32,
+                    vec![self.envs.obs.len()],
+                    bytes(self.envs.obs.iter().copied(), f32::to_le_bytes),
+                ),
+            ),
+            ("forward", sums(forward)),
+            ("returns", sums(returns)),
+            ("lengths", sums(lengths)),
+        ];
+        let views = arrays.iter().map(|(name, (kind, shape, bytes))| {
+            TensorView::new(*kind, shape.clone(), bytes).map(|view| (*name, view))
+        });
+        let views: std::result::Result<Vec<_>, _> = views.collect();
+        let file = views.and_then(|views| safetensors::serialize(views, None));
+        write_new(&path, &file.map_err(|error| unreadable(&path, error))?)
     }
 
     /// Reads the state from a checkpoint.
     pub fn load<F: Files + ?Sized>(files: &F) -> Result<Self> {
-        let bytes = files.read(FILE, LONGEST)?;
-        let mut reader = Reader { bytes: &bytes };
-        let state = Self::parse(&mut reader).filter(|_| reader.bytes.is_empty());
-        let state =
-            state.ok_or_else(|| unreadable(&files.path(FILE), "it is no env state of this program"))?;
+        let name = if files.has(EARLIER_FILE) { EARLIER_FILE } else { FILE };
+        let bytes = files.read(name, LONGEST)?;
+        let parsed = if name == FILE { parse(&bytes) } else { parse_earlier(&bytes) };
+        let state = parsed.map_err(|reason| {
+            unreadable(&files.path(name), format!("it is no env state of this program: {reason}"))
+        })?;
         let EpisodeTracker { forward, returns, lengths, .. } = &state.episodes;
         if let Some(sum) = [forward, returns, lengths].into_iter().flatten().find(|sum| !sum.is_finite()) {
             let message = format!("a sum over an episode is {sum}, expected a finite number");
-            return Err(unreadable(&files.path(FILE), message));
+            return Err(unreadable(&files.path(name), message));
         }
         Ok(state)
     }
 
-    fn parse(reader: &mut Reader) -> Option<Self> {
-        if reader.u64()? != MAGIC {
-            return None;
-        }
-        let (envs, row, obs) = (reader.u64()? as usize, reader.u64()? as usize, reader.u64()? as usize);
-        let rows = reader.many(envs.checked_mul(row)?, Reader::f64)?;
-        let classes = reader.many(envs, |reader| reader.u64().map(|class| class as usize))?;
-        let episodes = reader.many(envs, |reader| {
-            let fields = reader.many(6, Reader::u64)?;
-            <[u64; 6]>::try_from(fields).ok()
-        })?;
-        let obs = reader.many(obs, |reader| reader.take().map(f32::from_le_bytes))?;
-        let mut tracker = EpisodeTracker::new(envs);
-        tracker.forward = reader.many(envs, Reader::f64)?;
-        tracker.returns = reader.many(envs, Reader::f64)?;
-        tracker.lengths = reader.many(envs, Reader::f64)?;
-        Some(Self {
-            envs: VectorEnvSnapshot { backend: BackendSnapshot { row, rows, classes }, episodes, obs },
-            episodes: tracker,
-        })
+    /// Puts the arrays of a file together.
+    fn of(row: usize, rows: Vec<f64>, classes: Vec<u64>, arrays: EpisodeArrays) -> Self {
+        let EpisodeArrays { episodes, obs, sums: [forward, returns, lengths] } = arrays;
+        let mut tracker = EpisodeTracker::new(classes.len());
+        (tracker.forward, tracker.returns, tracker.lengths) = (forward, returns, lengths);
+        let classes = classes.into_iter().map(|class| class as usize).collect();
+        let backend = BackendSnapshot { row, rows, classes };
+        Self { envs: VectorEnvSnapshot { backend, episodes, obs }, episodes: tracker }
     }
+}
+
+/// What a file holds of the episodes.
+struct EpisodeArrays {
+    episodes: Vec<[u64; 6]>,
+    obs: Vec<f32>,
+    sums: [Vec<f64>; 3],
+}
+
+fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, to_bytes: fn(T) -> [u8; N]) -> Vec<u8> {
+    values.flat_map(to_bytes).collect()
+}
+
+fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
+    let file = SafeTensors::deserialize(file).map_err(|error| error.to_string())?;
+    let (worlds, shape) = array(&file, "worlds", Dtype::F64, f64::from_le_bytes)?;
+    let &[envs, row] = shape.as_slice() else {
+        return Err(format!("`worlds` has shape {shape:?}, expected [envs, row]"));
+    };
+    let sums = |name| of_shape(&file, name, Dtype::F64, &[envs], f64::from_le_bytes);
+    let classes = of_shape(&file, "classes", Dtype::U64, &[envs], u64::from_le_bytes)?;
+    let episodes = of_shape(&file, "episodes", Dtype::U64, &[envs, 6], u64::from_le_bytes)?;
+    let arrays = EpisodeArrays {
+        episodes: episodes.as_chunks().0.to_vec(),
+        obs: array(&file, "obs", Dtype::F32, f32::from_le_bytes)?.0,
+        sums: [sums("forward")?, sums("returns")?, sums("lengths")?],
+    };
+    Ok(EnvState::of(row, worlds, classes, arrays))
+}
+
+/// The numbers and the shape of an array.
+fn array<T, const N: usize>(
+    file: &SafeTensors<'_>,
+    name: &str,
+    kind: Dtype,
+    from_bytes: fn([u8; N]) -> T,
+) -> std::result::Result<(Vec<T>, Vec<usize>), String> {
+    let array = file.tensor(name).map_err(|error| format!("`{name}`: {error}"))?;
+    if array.dtype() != kind {
+        return Err(format!("`{name}` holds {:?}, expected {kind:?}", array.dtype()));
+    }
+    let numbers = array.data().as_chunks().0.iter().map(|bytes| from_bytes(*bytes)).collect();
+    Ok((numbers, array.shape().to_vec()))
+}
+
+fn of_shape<T, const N: usize>(
+    file: &SafeTensors<'_>,
+    name: &str,
+    kind: Dtype,
+    expected: &[usize],
+    from_bytes: fn([u8; N]) -> T,
+) -> std::result::Result<Vec<T>, String> {
+    let (numbers, shape) = array(file, name, kind, from_bytes)?;
+    if shape == expected {
+        return Ok(numbers);
+    }
+    Err(format!("`{name}` has shape {shape:?}, expected {expected:?}"))
+}
+
+/// Reads the file of earlier versions, little-endian: a header of four u64 (magic, envs, row, observations), then
+/// states, classes, episodes, observations and sums.
+fn parse_earlier(file: &[u8]) -> std::result::Result<EnvState, String> {
+    let mut reader = Reader { bytes: file };
+    let state = read_earlier(&mut reader).filter(|_| reader.bytes.is_empty());
+    state.ok_or_else(|| "its length is not that of its header".to_owned())
+}
+
+fn read_earlier(reader: &mut Reader) -> Option<EnvState> {
+    if reader.u64()? != MAGIC {
+        return None;
+    }
+    let (envs, row, obs) = (reader.u64()? as usize, reader.u64()? as usize, reader.u64()? as usize);
+    let rows = reader.many(envs.checked_mul(row)?, Reader::f64)?;
+    let classes = reader.many(envs, Reader::u64)?;
+    let episodes = reader.many(envs, |reader| {
+        let fields = reader.many(6, Reader::u64)?;
+        <[u64; 6]>::try_from(fields).ok()
+    })?;
+    let obs = reader.many(obs, |reader| reader.take().map(f32::from_le_bytes))?;
+    let mut sums = || reader.many(envs, Reader::f64);
+    let sums = [sums()?, sums()?, sums()?];
+    Some(EnvState::of(row, rows, classes, EpisodeArrays { episodes, obs, sums }))
 }
 
 /// Takes numbers off the front of a byte slice; `None` when it is too short.
@@ -112,13 +210,16 @@ impl Reader<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::fs;
 
-    #[test]
-    fn an_env_state_reads_back_bit_for_bit_even_with_nan() {
+    use super::*;
+    use crate::files::testing::Scratch;
+
+    /// Two envs with numbers that text would not keep.
+    fn state() -> EnvState {
         let mut episodes = EpisodeTracker::new(2);
         episodes.forward = vec![1.5, f64::MIN_POSITIVE];
-        let state = EnvState {
+        EnvState {
             envs: VectorEnvSnapshot {
                 backend: BackendSnapshot {
                     row: 2,
@@ -129,34 +230,73 @@ mod tests {
                 obs: vec![0.25, f32::INFINITY],
             },
             episodes,
+        }
+    }
+
+    fn assert_equal(one: &EnvState, other: &EnvState) {
+        let bits = |state: &EnvState| state.envs.backend.rows.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(one), bits(other));
+        assert_eq!(one.envs.backend.classes, other.envs.backend.classes);
+        assert_eq!((&one.envs.episodes, &one.envs.obs), (&other.envs.episodes, &other.envs.obs));
+        assert_eq!(one.episodes, other.episodes);
+    }
+
+    fn refuse(folder: &Scratch, name: &str, bytes: &[u8], expected: &str) {
+        fs::write(folder.0.join(name), bytes).unwrap();
+        let message = EnvState::load(folder.0.as_path()).unwrap_err().to_string();
+        assert!(message.contains(name) && message.contains(expected), "{message}");
+    }
+
+    #[test]
+    fn an_env_state_reads_back_bit_for_bit_even_with_nan() {
+        let folder = Scratch::new();
+        state().save(&folder.0).unwrap();
+        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &state());
+        let bytes = fs::read(folder.0.join(FILE)).unwrap();
+        refuse(&folder, FILE, b"DAPPOENV", "no env state");
+        refuse(&folder, FILE, &bytes[..bytes.len() - 1], "no env state");
+        refuse(&folder, FILE, &[&bytes[..], &[0]].concat(), "no env state");
+        let with = |from: &str, to: &str| {
+            let begin = bytes.windows(from.len()).position(|part| part == from.as_bytes()).unwrap();
+            [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
         };
-        let folder = std::env::temp_dir().join(format!("dappo-env-state-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        state.save(&folder).unwrap();
-        let again = EnvState::load(folder.as_path()).unwrap();
-        let bits = |rows: &[f64]| rows.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&again.envs.backend.rows), bits(&state.envs.backend.rows));
-        assert_eq!((again.envs.episodes, again.envs.obs), (state.envs.episodes, state.envs.obs));
-        assert_eq!(again.episodes, state.episodes);
-        let refuse = |bytes: &[u8], expected: &str| {
-            std::fs::write(folder.join(FILE), bytes).unwrap();
-            let message = EnvState::load(folder.as_path()).unwrap_err().to_string();
-            assert!(message.contains("envs.bin") && message.contains(expected), "{message}");
-        };
-        let bytes = std::fs::read(folder.join(FILE)).unwrap();
-        refuse(b"DAPPOENV", "no env state");
-        refuse(&bytes[..bytes.len() - 1], "no env state");
-        refuse(&[&bytes[..], &[0]].concat(), "no env state");
-        // Sizes that no computer holds take no memory.
+        refuse(&folder, FILE, &with("\"worlds\"", "\"wurlds\""), "`worlds`");
+        refuse(&folder, FILE, &with("[2,6]", "[6,2]"), "`episodes` has shape [6, 2], expected [2, 6]");
+        let mut infinite = bytes.clone();
+        let begin = bytes.windows(8).position(|part| part == 1.5_f64.to_le_bytes()).unwrap();
+        infinite[begin..begin + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
+        refuse(&folder, FILE, &infinite, "a sum over an episode is inf");
+    }
+
+    /// The file of earlier versions.
+    fn earlier(state: &EnvState) -> Vec<u8> {
+        let backend = &state.envs.backend;
+        let header = [MAGIC, 2, 2, state.envs.obs.len() as u64];
+        let classes = backend.classes.iter().map(|&class| class as u64);
+        let EpisodeTracker { forward, returns, lengths, .. } = &state.episodes;
+        [
+            bytes(header.into_iter(), u64::to_le_bytes),
+            bytes(backend.rows.iter().copied(), f64::to_le_bytes),
+            bytes(classes.chain(state.envs.episodes.iter().flatten().copied()), u64::to_le_bytes),
+            bytes(state.envs.obs.iter().copied(), f32::to_le_bytes),
+            bytes(forward.iter().chain(returns).chain(lengths).copied(), f64::to_le_bytes),
+        ]
+        .concat()
+    }
+
+    #[test]
+    fn env_states_of_earlier_versions_are_read_and_sizes_that_no_computer_holds_take_no_memory() {
+        let folder = Scratch::new();
+        let bytes = earlier(&state());
+        fs::write(folder.0.join(EARLIER_FILE), &bytes).unwrap();
+        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &state());
+        refuse(&folder, EARLIER_FILE, b"DAPPOENV", "no env state");
+        refuse(&folder, EARLIER_FILE, &bytes[..bytes.len() - 1], "no env state");
+        refuse(&folder, EARLIER_FILE, &[&bytes[..], &[0]].concat(), "no env state");
         for (at, size) in [(8, u64::MAX), (8, 1 << 61), (16, u64::MAX), (16, 1 << 62), (24, u64::MAX)] {
             let mut large = bytes.clone();
             large[at..at + 8].copy_from_slice(&size.to_le_bytes());
-            refuse(&large, "no env state");
+            refuse(&folder, EARLIER_FILE, &large, "no env state");
         }
-        let mut infinite = bytes.clone();
-        let end = infinite.len();
-        infinite[end - 8..].copy_from_slice(&f64::INFINITY.to_le_bytes());
-        refuse(&infinite, "a sum over an episode is inf");
-        std::fs::remove_dir_all(folder).unwrap();
     }
 }

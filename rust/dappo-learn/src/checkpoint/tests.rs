@@ -1,7 +1,10 @@
 use super::*;
 
-use crate::files::faults::{Fault, everywhere};
-use crate::files::tests::Scratch;
+const MANIFEST: &str = CheckpointManifest::<Progress>::NAME;
+
+use crate::files::testing::Scratch;
+use crate::files::testing::{Fault, everywhere};
+use crate::files::write_new;
 
 fn try_write(at: &Path, iteration: u64, content: &str) -> Result<()> {
     let progress = Progress { iteration, env_steps: iteration * 10, stage: 0 };

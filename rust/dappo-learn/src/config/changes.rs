@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Config, Layers};
+use super::{Assignment, Config, Layers};
 use crate::error::{LearnError, Result};
 
 /// A setting that changed when a run went on.
@@ -16,12 +16,12 @@ pub struct Change {
     pub to: Option<toml::Value>,
 }
 
-/// The configuration of a run with some settings changed by `key=value`; refuses those that its checkpoints have built
+/// The configuration of a run with some settings changed; refuses those that its checkpoints have built
 /// in.
-pub fn change(config: &Config, assignments: &[String]) -> Result<Config> {
+pub fn change(config: &Config, assignments: &[Assignment]) -> Result<Config> {
     let mut layers = Layers::default();
     layers.add_toml(&config.to_toml()?, "the configuration of the run")?;
-    assignments.iter().try_for_each(|assignment| layers.set_assignment(assignment))?;
+    layers.assign(assignments)?;
     if layers.get("ppo.preset").is_some() {
         return Err(LearnError::Invalid(
             "`ppo.preset` cannot change in a run: it chooses values for a new one; change the settings by their own keys"
@@ -100,7 +100,17 @@ mod tests {
     }
 
     fn changed(assignments: &[&str]) -> Result<Config> {
-        change(&config(), &assignments.iter().map(ToString::to_string).collect::<Vec<_>>())
+        change(&config(), &assignments.iter().map(|&text| text.into()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn settings_of_a_user_keep_the_robot_file_of_a_run_unless_they_name_another_robot() {
+        let kept = Config { robot_file: Some("copy.toml".into()), ..config() };
+        assert_eq!(kept.clone().with(&[]).unwrap(), kept);
+        let severe = kept.clone().with(&["damage.severity=0.5".into()]).unwrap();
+        assert_eq!((severe.damage.severity, &severe.robot_file), (0.5, &kept.robot_file));
+        let other = kept.with(&[Assignment::Value("robot".into(), "hexapod".into())]).unwrap();
+        assert_eq!((other.robot.as_str(), other.robot_file), ("hexapod", None));
     }
 
     #[test]
@@ -167,6 +177,15 @@ mod tests {
             let message = changed(&[assignment]).unwrap_err().to_string();
             assert!(message.starts_with(&format!("`{key}` cannot change in a run")), "{message}");
         }
+    }
+
+    #[test]
+    fn a_section_as_an_inline_table_changes_what_it_names() {
+        let to = changed(&["ppo={learning_rate=0.0001}"]).unwrap();
+        let found = changes(&config(), &to).unwrap();
+        assert_eq!(found.iter().map(|change| change.key.as_str()).collect::<Vec<_>>(), ["ppo.learning_rate"]);
+        let message = changed(&["ppo={hidden=[32]}"]).unwrap_err().to_string();
+        assert!(message.starts_with("`ppo.hidden` cannot change in a run"), "{message}");
     }
 
     #[test]

@@ -100,7 +100,7 @@ impl Faults {
 }
 
 /// One fault as a sentence, several as a list.
-pub(crate) fn describe(faults: &[Fault]) -> String {
+pub fn describe(faults: &[Fault]) -> String {
     if let [only] = faults {
         return only.to_string();
     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::de::DeserializeOwned;
 
 use super::Config;
+use super::assignment::Assignment;
 use super::faults::Faults;
 use super::sift::sift;
 use crate::error::LearnError;
@@ -27,12 +28,11 @@ impl Layers {
         let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
             LearnError::Invalid(format!("cannot read {source}: {}", error.to_string().trim_end()))
         })?;
-        note_sources(&mut self.sources, "", &table, source);
-        merge(&mut self.table, table);
+        lay(&mut self.table, table, "", Some(source), &mut self.sources);
         Ok(())
     }
 
-    /// Sets one value by its dotted key.
+    /// Sets one value by its dotted key. A table is laid over the section of this key.
     pub fn set(&mut self, key: &str, value: impl Into<toml::Value>) -> Result<(), LearnError> {
         let parts: Vec<&str> = key.split('.').map(str::trim).collect();
         if parts.iter().any(|part| part.is_empty()) || parts.len() > KEY_PARTS {
@@ -52,13 +52,13 @@ impl Layers {
                     LearnError::Invalid(format!("`{key}` cannot be set: `{part}` is a value, not a section"))
                 })?;
         }
-        table.insert((*last).to_owned(), value.into());
-        self.sources.remove(&parts.join("."));
+        let over = toml::Table::from_iter([((*last).to_owned(), value.into())]);
+        lay(table, over, &sections.join("."), None, &mut self.sources);
         Ok(())
     }
 
     /// Sets one `key=value` of the command line; the value is TOML, or a plain word.
-    pub fn set_assignment(&mut self, assignment: &str) -> Result<(), LearnError> {
+    fn set_assignment(&mut self, assignment: &str) -> Result<(), LearnError> {
         let (key, value) = assignment.split_once('=').ok_or_else(|| {
             LearnError::Invalid(format!(
                 "`{}` is no assignment; expected key=value, for example ppo.gamma=0.99",
@@ -80,6 +80,14 @@ impl Layers {
             _ => toml::Value::String(value.to_owned()),
         };
         self.set(key, value)
+    }
+
+    /// Sets what a user has given one by one.
+    pub fn assign(&mut self, assignments: &[Assignment]) -> Result<(), LearnError> {
+        assignments.iter().try_for_each(|assignment| match assignment {
+            Assignment::Text(text) => self.set_assignment(text),
+            Assignment::Value(key, value) => self.set(key, value.clone()),
+        })
     }
 
     /// What is there for a dotted key.
@@ -136,8 +144,9 @@ impl Layers {
         }
         let preset = toml::Table::try_from(preset)
             .map_err(|error| LearnError::Invalid(format!("cannot write the preset: {error}")))?;
-        let given = std::mem::replace(ppo, preset);
-        merge(ppo, given);
+        for (key, value) in preset {
+            ppo.entry(key).or_insert(value);
+        }
         Ok(faults)
     }
 
@@ -161,15 +170,41 @@ fn is_within(key: &str, section: &str) -> bool {
     key.strip_prefix(section).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }
 
-/// Notes where the values of a table come from.
-fn note_sources(sources: &mut BTreeMap<String, String>, section: &str, table: &toml::Table, source: &str) {
-    for (key, value) in table {
-        let key = if section.is_empty() { key.clone() } else { format!("{section}.{key}") };
-        match value {
-            toml::Value::Table(table) if !table.is_empty() => note_sources(sources, &key, table, source),
-            _ => {
-                sources.insert(key, source.to_owned());
+/// Lays a table over the one of a section, and notes where its values come from; `None` stands for the command line.
+fn lay(
+    base: &mut toml::Table,
+    over: toml::Table,
+    section: &str,
+    source: Option<&str>,
+    sources: &mut BTreeMap<String, String>,
+) {
+    for (name, value) in over {
+        let key = if section.is_empty() { name.clone() } else { format!("{section}.{name}") };
+        match (base.get_mut(&name), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => {
+                lay(base, over, &key, source, sources);
             }
+            (_, value) => {
+                sources.retain(|known, _| !is_within(known, &key));
+                if let Some(source) = source {
+                    note_source(sources, key, &value, source);
+                }
+                base.insert(name, value);
+            }
+        }
+    }
+}
+
+/// Notes where a value comes from, a table's entry by entry.
+fn note_source(sources: &mut BTreeMap<String, String>, key: String, value: &toml::Value, source: &str) {
+    match value {
+        toml::Value::Table(table) if !table.is_empty() => {
+            for (name, value) in table {
+                note_source(sources, format!("{key}.{name}"), value, source);
+            }
+        }
+        _ => {
+            sources.insert(key, source.to_owned());
         }
     }
 }
@@ -189,17 +224,6 @@ fn horizon_for(num_envs: usize) -> usize {
     let of_many = (32_768 / num_envs.max(1)).clamp(16, 128);
     let of_few = (4096 / num_envs.max(1)).min(512);
     of_many.max(of_few)
-}
-
-fn merge(base: &mut toml::Table, over: toml::Table) {
-    for (key, value) in over {
-        match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
-            (_, value) => {
-                base.insert(key, value);
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -333,6 +357,28 @@ mod tests {
             let wanted = format!("  {source}{part}");
             assert!(lines.iter().any(|line| line.starts_with(&wanted)), "no `{wanted}` in: {message}");
         }
+    }
+
+    #[test]
+    fn a_section_that_is_set_as_a_whole_keeps_its_other_settings_and_says_where_each_comes_from() {
+        let mut layers = toy("[ppo]\ngamma = 0.9\nhidden = [8]\n[damage.onset]\nfirst = 3\nlast = 5");
+        layers.set_assignment("ppo={learning_rate=0.0001, hidden=[16]}").unwrap();
+        layers.set_assignment("damage={onset={last=9}}").unwrap();
+        let config = layers.clone().resolve().unwrap();
+        assert_eq!((config.ppo.learning_rate, config.ppo.gamma), (1e-4, 0.9));
+        assert_eq!(config.ppo.hidden, [16]);
+        assert_eq!((config.damage.onset.first, config.damage.onset.last), (3, 9));
+        layers.set_assignment("ppo={clip_range=-1.0, hidden=[0]}").unwrap();
+        layers.add_toml("ppo = { gamma = 2 }", "other.toml").unwrap();
+        let message = layers.resolve().unwrap_err().to_string();
+        for line in ["  `ppo.clip_range` is -1", "  `ppo.hidden[0]` is 0", "  other.toml: `ppo.gamma` is 2"] {
+            assert!(message.lines().any(|found| found.starts_with(line)), "no `{line}` in: {message}");
+        }
+        // Of a section that gives way to a value, and the other way round, nothing is left.
+        let mut layers = toy("[env.reward]\na = 1");
+        layers.set_assignment("env.reward=gym").unwrap();
+        assert!(layers.sources.is_empty(), "{:?}", layers.sources);
+        layers.resolve().unwrap();
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Sources, later ones win: defaults → the robot's own file in `configs/` or `--config` → command-line
 //! flags → `--set key=value`. The resolved configuration is written into the run folder.
 
+mod assignment;
 mod changes;
 mod faults;
 mod layers;
@@ -18,8 +19,8 @@ use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
 use crate::ppo::PpoConfig;
-use crate::simulator::Compute;
 
+pub use assignment::Assignment;
 pub use changes::{Change, change, changes};
 pub(crate) use faults::describe;
 pub use faults::{Fault, Faults};
@@ -96,14 +97,6 @@ pub struct EnvSection {
     /// Room for contacts there, an env on average; as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nconmax: Option<usize>,
-}
-
-impl EnvSection {
-    /// Where and how precisely the training simulates.
-    #[must_use]
-    pub fn compute(&self) -> Compute {
-        Compute { device: self.device, precision: self.precision }
-    }
 }
 
 impl Default for EnvSection {
@@ -185,14 +178,6 @@ pub struct EvaluationSection {
     pub precision: Precision,
 }
 
-impl EvaluationSection {
-    /// Where and how precisely the evaluation simulates.
-    #[must_use]
-    pub fn compute(&self) -> Compute {
-        Compute { device: self.device, precision: self.precision }
-    }
-}
-
 impl Default for EvaluationSection {
     fn default() -> Self {
         Self { episodes: 4, seed: 1_000_000, device: Device::Cpu, precision: Precision::F64 }
@@ -222,6 +207,27 @@ impl Default for Config {
 }
 
 impl Config {
+    /// The configuration with some settings of a user's laid over it.
+    pub fn with(self, assignments: &[Assignment]) -> Result<Self, LearnError> {
+        if assignments.is_empty() {
+            return Ok(self);
+        }
+        let mut layers = Layers::default();
+        layers.add_toml(&self.to_toml()?, "the run's config.toml")?;
+        layers.assign(assignments)?;
+        let mut config = layers.resolve()?;
+        if config.robot == self.robot {
+            config.robot_file = self.robot_file;
+        }
+        Ok(config)
+    }
+
+    /// Name of the learner that it trains: policies that are told their damage, or not.
+    #[must_use]
+    pub fn learner(&self) -> &'static str {
+        if self.env.observe_damage { "DA-PPO" } else { "PPO-Unaware" }
+    }
+
     /// The configuration as TOML; reading it back gives the same configuration.
     pub fn to_toml(&self) -> Result<String, LearnError> {
         toml::to_string(self)

@@ -1,5 +1,6 @@
 //! Rollouts of a vector env: policy and physics take turns, step by step.
 
+use dappo_nn::FrozenActorCritic;
 use dappo_sim::VectorEnv;
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::rng::{Purpose, Stream, env_keys};
@@ -10,7 +11,6 @@ use super::RolloutEngine;
 use crate::config::Config;
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
-use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 
 /// A vector env in same-step mode.
@@ -31,21 +31,27 @@ impl HostEngine {
 }
 
 impl RolloutEngine for HostEngine {
-    fn collect(&mut self, ppo: &Ppo, episodes: &mut EpisodeTracker, first_step: u64) -> Result<Rollout> {
+    fn collect(
+        &mut self,
+        networks: &FrozenActorCritic,
+        episodes: &mut EpisodeTracker,
+        first_step: u64,
+    ) -> Result<Rollout> {
         let (num_envs, action_dim) = (self.env.num_envs(), self.env.action_dim());
-        let (env, actor_critic) = (&mut self.env, ppo.actor_critic());
-        let mut rollout = Rollout::new(self.horizon, num_envs, action_dim, ppo.normalizer().clone());
+        let env = &mut self.env;
+        let mut rollout =
+            Rollout::new(self.horizon, num_envs, action_dim, networks.policy.transform().clone());
         for step in 0..self.horizon {
             let noise = action_noise(&self.noise_keys, first_step + step as u64, action_dim);
-            let decision = actor_critic.act(&env.buffers().obs, &rollout.normalizer, &noise)?;
+            let decision = networks.act(&env.buffers().obs, &noise)?;
             rollout.record_decision(step, &env.buffers().obs, &decision)?;
             env.step(&decision.actions)?;
             let buffers = env.buffers();
             rollout.record_outcome(step, &buffers.rewards, &buffers.terminated, &buffers.truncated)?;
-            bootstrap_truncations(&mut rollout, env, ppo, step)?;
+            bootstrap_truncations(&mut rollout, env, networks, step)?;
             episodes.add(env.buffers());
         }
-        rollout.last_values = actor_critic.values(&env.buffers().obs, &rollout.normalizer)?;
+        rollout.last_values = networks.values(&env.buffers().obs)?;
         Ok(rollout)
     }
 
@@ -77,7 +83,12 @@ fn action_noise(keys: &[u64], step: u64, action_dim: usize) -> Vec<f32> {
 }
 
 /// V(`final_obs`) of the episodes that the time limit cut short: their return goes on beyond it.
-fn bootstrap_truncations(rollout: &mut Rollout, env: &VectorEnv, ppo: &Ppo, step: usize) -> Result<()> {
+fn bootstrap_truncations(
+    rollout: &mut Rollout,
+    env: &VectorEnv,
+    networks: &FrozenActorCritic,
+    step: usize,
+) -> Result<()> {
     let buffers = env.buffers();
     let cut: Vec<usize> =
         (0..env.num_envs()).filter(|&env| buffers.truncated[env] && !buffers.terminated[env]).collect();
@@ -87,7 +98,7 @@ fn bootstrap_truncations(rollout: &mut Rollout, env: &VectorEnv, ppo: &Ppo, step
     let width = env.obs_dim();
     let rows: Vec<f32> =
         cut.iter().flat_map(|&env| &buffers.final_obs[env * width..(env + 1) * width]).copied().collect();
-    let values = ppo.actor_critic().values(&rows, &rollout.normalizer)?;
+    let values = networks.values(&rows)?;
     for (env, value) in cut.into_iter().zip(values) {
         rollout.final_values[step * buffers.rewards.len() + env] = value;
     }

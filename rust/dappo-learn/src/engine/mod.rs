@@ -2,21 +2,26 @@
 
 mod host;
 
+use dappo_nn::FrozenActorCritic;
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
-use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 
 pub use host::HostEngine;
 
 /// Envs in which a policy acts for a fixed number of steps at a time. Episodes go on from one rollout to the next.
 pub trait RolloutEngine {
-    /// Runs the policy for one horizon and adds its steps to `episodes`. `first_step` numbers them over the whole
+    /// Runs a policy for one horizon and adds its steps to `episodes`. `first_step` numbers them over the whole
     /// run, so that every (env, step) has exploration noise of its own.
-    fn collect(&mut self, ppo: &Ppo, episodes: &mut EpisodeTracker, first_step: u64) -> Result<Rollout>;
+    fn collect(
+        &mut self,
+        networks: &FrozenActorCritic,
+        episodes: &mut EpisodeTracker,
+        first_step: u64,
+    ) -> Result<Rollout>;
 
     /// Changes the class distribution from the next episode of each env on.
     fn set_class_distribution(&mut self, classes: ClassDistribution) -> Result<()>;

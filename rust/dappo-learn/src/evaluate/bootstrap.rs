@@ -5,7 +5,7 @@
 use dappo_sim::rng::{Purpose, Stream};
 use serde::Serialize;
 
-use super::tables::mean;
+use crate::statistics::{mean, quantile};
 
 /// Resamples of a bootstrap.
 pub const RESAMPLES: usize = 10_000;
@@ -76,26 +76,9 @@ fn mean_over(rewards: &[Vec<f64>], seeds: &[usize], classes: &[usize]) -> f64 {
     mean(seeds.iter().map(|&seed| mean(classes.iter().map(|&class| rewards[seed][class]))))
 }
 
-/// A quantile of sorted numbers, interpolated linearly between neighbours as `numpy.quantile` does.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let below = place.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (sorted[above] - sorted[below]) * place.fract()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_equal_those_of_numpy() {
-        // np.quantile([1, 2, 3, 4, 10], [.025, .5, .975, 1])
-        let sorted = [1.0, 2.0, 3.0, 4.0, 10.0];
-        for (share, expected) in [(0.025, 1.1), (0.5, 3.0), (0.975, 9.4), (1.0, 10.0)] {
-            assert!((quantile(&sorted, share) - expected).abs() < 1e-12);
-        }
-    }
 
     #[test]
     fn both_sides_have_the_same_classes_in_a_resample() {

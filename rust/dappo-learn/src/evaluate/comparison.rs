@@ -1,14 +1,15 @@
 //! Two learners on the same damage classes: where one is ahead, by how much, and how sure that is.
 
-use std::fmt::Write as _;
-
 use serde::Serialize;
 
 use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
-use super::encoding::Encoding;
-use super::tables::{Evaluation, mean};
+use super::tables::Evaluation;
+use crate::csv_table::table;
 use crate::error::{LearnError, Result};
+use crate::run_folder::RunFolder;
 use crate::simulator::Simulator;
+use crate::statistics::mean;
+use crate::walk::Encoding;
 
 /// The evaluation of one run.
 #[derive(Debug, Clone, Serialize)]
@@ -40,7 +41,7 @@ pub struct RunSummary {
 /// One side of a comparison: runs of one learner that differ in their seeds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Side {
-    /// What its policies were told about the damage.
+    /// How their damage code came from the damage.
     pub encoding: Encoding,
     /// Mean forward reward over all classes and seeds.
     pub forward_reward: f64,
@@ -50,7 +51,7 @@ pub struct Side {
 
 /// What a comparison says in a few numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Summary {
+pub struct ComparisonSummary {
     /// The side whose gain is asked for.
     pub runs: Side,
     /// The side that it is compared with.
@@ -80,7 +81,7 @@ pub struct Summary {
     pub intervals_cover: &'static str,
 }
 
-impl Summary {
+impl ComparisonSummary {
     /// Whether all policies of both sides were trained for the same number of env steps.
     #[must_use]
     pub fn equal_budgets(&self) -> bool {
@@ -113,12 +114,20 @@ pub struct ClassComparison {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// The essence.
-    pub summary: Summary,
+    pub summary: ComparisonSummary,
     /// One entry a class, in canonical order.
     pub classes: Vec<ClassComparison>,
 }
 
 impl Comparison {
+    /// Writes its tables into the `eval/` of the first run, whose policies were told what `encoding` says.
+    pub fn write(&self, run: &RunFolder, encoding: Encoding) -> Result<()> {
+        let summary = serde_json::to_string_pretty(&self.summary)
+            .map_err(|error| LearnError::Invalid(error.to_string()))?;
+        run.write_evaluation(&encoding.file_name("comparison", "csv"), &self.class_table())?;
+        run.write_evaluation(&encoding.file_name("comparison", "json"), &summary)
+    }
+
     /// Compares two sides that were evaluated with the same start states, drawn from `evaluation_seed`.
     pub fn new(runs: &[RunEvaluation], others: &[RunEvaluation], evaluation_seed: u64) -> Result<Self> {
         let [first, ..] = runs else { return Err(nothing_to_compare()) };
@@ -141,7 +150,7 @@ impl Comparison {
             (!chosen.is_empty()).then(|| gain_in(&chosen))
         };
         let classes_won = classes.iter().filter(|class| class.better).count();
-        let summary = Summary {
+        let summary = ComparisonSummary {
             runs: side(runs, first.evaluation.encoding),
             others: side(others, others[0].evaluation.encoding),
             episodes: first.evaluation.classes.first().map_or(0, |class| class.episodes),
@@ -163,19 +172,32 @@ impl Comparison {
     /// The table of the classes as CSV with a header line.
     #[must_use]
     pub fn class_table(&self) -> String {
-        let mut text =
-            "class,name,group,forward_reward,other_forward_reward,difference,better,seeds,other_seeds\n"
-                .to_owned();
+        let columns = [
+            "class",
+            "name",
+            "group",
+            "forward_reward",
+            "other_forward_reward",
+            "difference",
+            "better",
+            "seeds",
+            "other_seeds",
+        ];
         let (seeds, other_seeds) = (self.summary.runs.seeds.len(), self.summary.others.seeds.len());
-        for c in &self.classes {
-            // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "{},{},{},{:.4},{:.4},{:.4},{},{seeds},{other_seeds}",
-                c.class, c.name, c.group, c.forward_reward, c.other_forward_reward, c.difference, c.better
-            );
-        }
-        text
+        let row = |c: &ClassComparison| {
+            vec![
+                c.class.to_string(),
+                c.name.clone(),
+                c.group.clone(),
+                format!("{:.4}", c.forward_reward),
+                format!("{:.4}", c.other_forward_reward),
+                format!("{:.4}", c.difference),
+                c.better.to_string(),
+                seeds.to_string(),
+                other_seeds.to_string(),
+            ]
+        };
+        table(&columns, self.classes.iter().map(row))
     }
 }
 

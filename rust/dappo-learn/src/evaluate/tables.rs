@@ -1,12 +1,15 @@
 //! The tables of an evaluation: one row a damage class, and one row a group of classes.
 
-use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::encoding::Encoding;
+use crate::csv_table::{number, table};
 use crate::error::{LearnError, Result};
+use crate::run_folder::RunFolder;
 use crate::simulator::Simulator;
+use crate::statistics::mean;
+use crate::walk::Encoding;
 
 /// The result of one damage class.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -59,7 +62,7 @@ pub const ALL: &str = "all";
 /// The results of all damage classes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// What the policy was told about the damage.
+    /// How the policy's damage code came from the damage.
     pub encoding: Encoding,
     /// What simulated.
     #[serde(flatten)]
@@ -78,6 +81,12 @@ impl Evaluation {
         Self { encoding, simulator, classes, groups }
     }
 
+    /// Writes its tables into the `eval/` of its run.
+    pub fn write(&self, run: &RunFolder) -> Result<()> {
+        run.write_evaluation(&self.encoding.file_name("per_class", "csv"), &self.class_table())?;
+        run.write_evaluation(&self.encoding.file_name("groups", "csv"), &self.group_table())
+    }
+
     /// Mean forward reward over all classes.
     #[must_use]
     pub fn mean_forward_reward(&self) -> f64 {
@@ -87,98 +96,122 @@ impl Evaluation {
     /// The table of the classes as CSV with a header line.
     #[must_use]
     pub fn class_table(&self) -> String {
-        let mut text = format!(
-            "class,name,group,episodes,forward_reward,standard_error,episode_return,episode_length,falls,\
-             diverged,{}\n",
-            Simulator::COLUMNS
-        );
-        let simulator = self.simulator.cells();
-        for c in &self.classes {
-            // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{:.4},{},{:.4},{:.2},{},{},{simulator}",
-                c.class,
-                c.name,
-                c.group,
-                c.episodes,
-                c.forward_reward,
-                empty_if_nan(c.standard_error),
-                c.episode_return,
-                c.episode_length,
-                c.falls,
-                c.diverged
-            );
-        }
-        text
+        let columns = [
+            &[
+                "class",
+                "name",
+                "group",
+                "episodes",
+                "forward_reward",
+                "standard_error",
+                "episode_return",
+                "episode_length",
+                "falls",
+                "diverged",
+            ],
+            &Simulator::COLUMNS[..],
+        ]
+        .concat();
+        let row = |c: &ClassResult| {
+            let cells = [
+                c.class.to_string(),
+                c.name.clone(),
+                c.group.clone(),
+                c.episodes.to_string(),
+                format!("{:.4}", c.forward_reward),
+                number(c.standard_error, 4),
+                format!("{:.4}", c.episode_return),
+                format!("{:.2}", c.episode_length),
+                c.falls.to_string(),
+                c.diverged.to_string(),
+            ];
+            cells.into_iter().chain(self.simulator.cells()).collect()
+        };
+        table(&columns, self.classes.iter().map(row))
     }
 
     /// The table of the groups as CSV with a header line.
     #[must_use]
     pub fn group_table(&self) -> String {
-        let mut text = format!(
-            "group,classes,episodes,forward_reward,standard_error,falls,diverged,{}\n",
-            Simulator::COLUMNS
-        );
-        let simulator = self.simulator.cells();
-        for g in &self.groups {
-            let _ = writeln!(
-                text,
-                "{},{},{},{:.4},{},{},{},{simulator}",
-                g.group,
-                g.classes,
-                g.episodes,
-                g.forward_reward,
-                empty_if_nan(g.standard_error),
-                g.falls,
-                g.diverged
-            );
+        let columns = [
+            &["group", "classes", "episodes", "forward_reward", "standard_error", "falls", "diverged"],
+            &Simulator::COLUMNS[..],
+        ]
+        .concat();
+        let row = |g: &GroupResult| {
+            let cells = [
+                g.group.clone(),
+                g.classes.to_string(),
+                g.episodes.to_string(),
+                format!("{:.4}", g.forward_reward),
+                number(g.standard_error, 4),
+                g.falls.to_string(),
+                g.diverged.to_string(),
+            ];
+            cells.into_iter().chain(self.simulator.cells()).collect()
+        };
+        table(&columns, self.groups.iter().map(row))
+    }
+}
+
+/// Mean forward velocities of a policy that is told the truth about its damage, as its evaluation found them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeanVelocities {
+    /// The table that they are from.
+    path: PathBuf,
+    class_names: Vec<String>,
+    /// Of every class, m/s.
+    velocities: Vec<f64>,
+}
+
+impl MeanVelocities {
+    /// Reads the table of a run; `None` if its policy has not been evaluated.
+    pub fn read(run: &RunFolder) -> Result<Option<Self>> {
+        let name = Encoding::True.file_name("per_class", "csv");
+        let path = run.evaluation_path(&name);
+        let Some(table) = run.read_evaluation(&name)? else { return Ok(None) };
+        Self::parse(&table, &path).map(Some)
+    }
+
+    /// Those of the damage classes of a robot, in their order; fails if the table has others.
+    pub fn of(self, class_names: &[String]) -> Result<Vec<f64>> {
+        if self.class_names == class_names {
+            return Ok(self.velocities);
         }
-        text
+        Err(LearnError::Invalid(format!(
+            "{} has {} damage classes, expected the {} of the robot in their order; evaluate the run again",
+            self.path.display(),
+            self.class_names.len(),
+            class_names.len()
+        )))
     }
-}
 
-/// Mean forward velocity of every class, m/s, from a table that [`Evaluation::class_table`] wrote. The classes must be
-/// those of `names`, in this order.
-pub fn mean_velocities(table: &str, names: &[String]) -> Result<Vec<f64>> {
-    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<&str>>());
-    let header = lines.next().unwrap_or_default();
-    let column = |name: &str| {
-        header.iter().position(|column| *column == name).ok_or_else(|| {
-            LearnError::Invalid(format!(
-                "the table of the evaluation has no column `{name}`; evaluate the run again"
-            ))
-        })
-    };
-    let (class, reward, length) = (column("name")?, column("forward_reward")?, column("episode_length")?);
-    let rows: Vec<Vec<&str>> = lines.collect();
-    let found: Vec<&str> = rows.iter().filter_map(|row| row.get(class)).copied().collect();
-    if found != names.iter().map(String::as_str).collect::<Vec<_>>() {
-        return Err(LearnError::Invalid(format!(
-            "the table of the evaluation has {} damage classes, expected the {} of the robot in their order; evaluate \
-             the run again",
-            found.len(),
-            names.len()
-        )));
+    /// Reads a table that [`Evaluation::class_table`] wrote.
+    fn parse(table: &str, path: &Path) -> Result<Self> {
+        let broken =
+            |what: String| LearnError::Invalid(format!("{} {what}; evaluate the run again", path.display()));
+        let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<&str>>());
+        let header = lines.next().unwrap_or_default();
+        let column = |name: &str| {
+            let found = header.iter().position(|column| *column == name);
+            found.ok_or_else(|| broken(format!("has no column `{name}`")))
+        };
+        let (class, reward, length) = (column("name")?, column("forward_reward")?, column("episode_length")?);
+        let mut found = Self { path: path.to_owned(), class_names: Vec::new(), velocities: Vec::new() };
+        for row in lines {
+            let number =
+                |column: usize| row.get(column)?.parse::<f64>().ok().filter(|number| number.is_finite());
+            let (Some(name), Some(reward), Some(length)) = (row.get(class), number(reward), number(length))
+            else {
+                return Err(broken(format!("is broken at `{}`", row.join(","))));
+            };
+            // So few digits come back from any text as they were written; the table's own tell no more.
+            let rounded = |velocity: f64| (velocity * 1e6).round() / 1e6;
+            found.class_names.push((*name).to_owned());
+            found.velocities.push(rounded(reward / length.max(1.0)));
+        }
+        Ok(found)
     }
-    let number = |row: &[&str], column: usize| {
-        row.get(column)
-            .and_then(|text| text.parse::<f64>().ok())
-            .filter(|number| number.is_finite())
-            .ok_or_else(|| {
-                LearnError::Invalid(format!(
-                    "the table of the evaluation is broken at `{}`; evaluate the run again",
-                    row.join(",")
-                ))
-            })
-    };
-    // So few digits come back from any text as they were written; the table's own tell no more.
-    let rounded = |velocity: f64| (velocity * 1e6).round() / 1e6;
-    rows.iter().map(|row| Ok(rounded(number(row, reward)? / number(row, length)?.max(1.0)))).collect()
-}
-
-fn empty_if_nan(value: f64) -> String {
-    if value.is_nan() { String::new() } else { format!("{value:.4}") }
 }
 
 fn groups(classes: &[ClassResult]) -> Vec<GroupResult> {
@@ -207,18 +240,14 @@ fn group(name: &str, classes: &[&ClassResult]) -> GroupResult {
     }
 }
 
-pub(super) fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len() as f64;
-    values.sum::<f64>() / count
-}
-
 #[cfg(test)]
 pub(super) mod tests {
+    use dappo_sim::{Physics, Precision};
+
     use super::*;
 
     pub fn simulator() -> Simulator {
-        let [backend, precision, device, physics] = ["lanes", "f64", "cpu", "rk4"].map(str::to_owned);
-        Simulator { backend, precision, device, physics }
+        Simulator { physics: Physics::Lanes(Precision::F64), integrator: "rk4".into() }
     }
 
     pub fn class(class: usize, group: &str, forward_reward: f64, standard_error: f64) -> ClassResult {
@@ -252,12 +281,15 @@ pub(super) mod tests {
         let table = evaluation([1.0; 4]).class_table();
         let names: Vec<String> = (0..4).map(|class| format!("class {class}")).collect();
         // Forward rewards of 10, 4, 7 and -1 in 20 steps.
-        assert_eq!(mean_velocities(&table, &names).unwrap(), [0.5, 0.2, 0.35, -0.05]);
-        let refuse = |table: &str, names: &[String]| mean_velocities(table, names).unwrap_err().to_string();
-        assert!(refuse(&table, &names[..3]).contains("has 4 damage classes, expected the 3"));
+        let of = |table: &str, names: &[String]| {
+            MeanVelocities::parse(table, Path::new("per_class.csv")).and_then(|found| found.of(names))
+        };
+        assert_eq!(of(&table, &names).unwrap(), [0.5, 0.2, 0.35, -0.05]);
+        let refuse = |table: &str, names: &[String]| of(table, names).unwrap_err().to_string();
+        assert!(refuse(&table, &names[..3]).contains("per_class.csv has 4 damage classes, expected the 3"));
         assert!(refuse(&table.replace("episode_length", "length"), &names).contains("`episode_length`"));
         assert!(refuse(&table.replace("10.0000", "fast"), &names).contains("broken at `0,class 0"));
-        assert!(refuse("", &names).contains("no column `name`"));
+        assert!(refuse("", &names).contains("per_class.csv has no column `name`"));
     }
 
     #[test]

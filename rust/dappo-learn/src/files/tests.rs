@@ -1,36 +1,8 @@
 use std::os::unix::fs::symlink;
 use std::os::unix::net::UnixListener;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::faults::{Fault, everywhere};
+use super::testing::{Fault, Scratch, everywhere};
 use super::*;
-
-/// A folder that goes with the test.
-pub(crate) struct Scratch(pub PathBuf);
-
-impl Scratch {
-    pub fn new() -> Self {
-        static NUMBER: AtomicUsize = AtomicUsize::new(0);
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let path = std::env::temp_dir().join(format!("dappo-files-{}-{number}", std::process::id()));
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    pub fn names(&self) -> Vec<String> {
-        let entries = fs::read_dir(&self.0).unwrap();
-        let mut names: Vec<_> =
-            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 #[test]
 fn what_is_no_regular_file_is_refused_in_words_and_at_once() {
@@ -207,4 +179,73 @@ fn names_as_long_as_file_systems_allow_can_be_written() {
     let path = scratch.0.join("x".repeat(255));
     write_atomically(&path, b"content").unwrap();
     assert_eq!(read_text(&path).unwrap(), "content");
+}
+
+#[test]
+fn a_folder_that_is_read_is_no_link_and_may_be_missing() {
+    let (scratch, elsewhere) = (Scratch::new(), Scratch::new());
+    check_folder(&scratch.0).unwrap();
+    check_folder(&scratch.0.join("missing")).unwrap();
+    symlink(&elsewhere.0, scratch.0.join("link")).unwrap();
+    let error = check_folder(&scratch.0.join("link")).unwrap_err().to_string();
+    assert!(error.contains("link: it is a symbolic link, expected a folder"), "{error}");
+}
+
+#[test]
+fn a_file_that_is_written_first_stays() {
+    let scratch = Scratch::new();
+    let path = scratch.0.join("file");
+    write_first(&path, b"one").unwrap();
+    write_first(&path, b"two").unwrap();
+    assert_eq!(fs::read(&path).unwrap(), b"one");
+    assert_eq!(scratch.names(), ["file"]);
+}
+
+#[test]
+fn what_a_user_names_is_written_into_pipes_and_open_files_and_in_place_of_links() {
+    let scratch = Scratch::new();
+    let at = |name: &str| scratch.0.join(name);
+    fs::write(at("victim"), "precious").unwrap();
+    symlink(at("victim"), at("log")).unwrap();
+    write_given(&at("log"), b"new").unwrap();
+    assert_eq!(fs::read(at("victim")).unwrap(), b"precious");
+    assert!(fs::symlink_metadata(at("log")).unwrap().is_file());
+    write_given(Path::new("/dev/null"), b"gone").unwrap();
+    assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    let fifo = std::process::Command::new("mkfifo").arg(at("fifo")).status().unwrap();
+    assert!(fifo.success());
+    let read = std::thread::spawn({
+        let path = at("fifo");
+        move || read_given_text(&path).unwrap()
+    });
+    write_given(&at("fifo"), b"through").unwrap();
+    assert_eq!(read.join().unwrap(), "through");
+    assert!(fs::metadata(at("fifo")).unwrap().file_type().is_fifo());
+    let error = write_given(&scratch.0, b"").unwrap_err().to_string();
+    assert!(error.contains("directory"), "{error}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_open_file_is_written_under_the_names_that_the_system_gives_it() {
+    use std::os::fd::AsRawFd;
+    let scratch = Scratch::new();
+    let file = File::create(scratch.0.join("output")).unwrap();
+    for (root, content) in [("/dev/fd", "one"), ("/proc/self/fd", "two")] {
+        let name = Path::new(root).join(file.as_raw_fd().to_string());
+        write_given(&name, content.as_bytes()).unwrap();
+        assert_eq!(read_text(&scratch.0.join("output")).unwrap(), content);
+    }
+    assert!(is_open_file(Path::new("/dev/stdout")));
+    assert!(!is_open_file(Path::new("/dev/null")));
+}
+
+#[test]
+fn a_text_that_a_user_names_is_read_through_links_and_up_to_the_limit() {
+    let scratch = Scratch::new();
+    fs::write(scratch.0.join("text"), "seed = 1").unwrap();
+    symlink(scratch.0.join("text"), scratch.0.join("link")).unwrap();
+    assert_eq!(read_given_text(&scratch.0.join("link")).unwrap(), "seed = 1");
+    let error = read_given_text(Path::new("/dev/zero")).unwrap_err().to_string();
+    assert!(error.contains("more than the"), "{error}");
 }

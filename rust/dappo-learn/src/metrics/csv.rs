@@ -3,35 +3,23 @@
 use serde_json::Value;
 
 use super::line::Line;
+use crate::csv_table::lines;
 
 /// The names of the columns.
 pub(super) fn header(line: &Line) -> Vec<u8> {
-    joined(line.0.iter().map(|(name, _)| quoted(name)))
+    lines([line.0.iter().map(|(name, _)| name.clone()).collect()]).into_bytes()
 }
 
 /// One row; a metric without a value leaves its cell empty.
 pub(super) fn row(line: &Line) -> Vec<u8> {
-    joined(line.0.iter().map(|(_, value)| cell(value)))
-}
-
-fn joined(cells: impl Iterator<Item = String>) -> Vec<u8> {
-    (cells.collect::<Vec<_>>().join(",") + "\n").into_bytes()
+    lines([line.0.iter().map(|(_, value)| cell(value)).collect()]).into_bytes()
 }
 
 fn cell(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
-        Value::String(text) => quoted(text),
-        other => quoted(&other.to_string()),
-    }
-}
-
-/// A cell as RFC 4180 wants it: names of stages may hold anything.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.into()
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
     }
 }
 

@@ -47,7 +47,7 @@ impl<'a> PolicyBatch<'a> {
 impl ValueBatch {
     /// The value net's batch of a rollout.
     pub fn new(rollout: &Rollout, targets: &Targets) -> Result<Self> {
-        Ok(Self { obs: rollout.normalizer.apply(&rollout.obs)?, returns: targets.returns.clone() })
+        Ok(Self { obs: rollout.transform.apply(&rollout.obs)?, returns: targets.returns.clone() })
     }
 
     pub fn rows(&self) -> usize {

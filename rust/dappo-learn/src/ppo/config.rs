@@ -1,15 +1,15 @@
 //! Settings of the learner, with the paper's values as defaults.
 
+use dappo_nn::{Gradients, LearnerDevice};
 use serde::{Deserialize, Serialize};
 
 use crate::config::Faults;
 use crate::error::{LearnError, Result};
-use crate::nn::LearnerDevice;
 
 /// Passes and rows of a minibatch at most.
 const MOST_COUNT: u64 = i32::MAX as u64;
 /// Units of a layer at most; whether such a network fits the memory is another question.
-pub(crate) const MOST_WIDTH: u64 = 1 << 24;
+pub const MOST_WIDTH: u64 = 1 << 24;
 
 /// Settings of PPO. "Paper" marks values that Verma et al. (2019) state; the others are ours.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -17,6 +17,10 @@ pub(crate) const MOST_WIDTH: u64 = 1 << 24;
 pub struct PpoConfig {
     /// `cpu` or `wgpu`: where the networks are computed.
     pub device: LearnerDevice,
+    /// `written` or `recorded`: whether gradients and Adam's steps are written out for these networks, or burn's; written
+    /// on the CPU and recorded elsewhere when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gradients: Option<Gradients>,
     /// Hidden layers of both networks (paper).
     pub hidden: Vec<usize>,
     /// What a 1 of the damage code becomes in the input of the networks, whose other entries have variance 1
@@ -57,6 +61,7 @@ impl Default for PpoConfig {
     fn default() -> Self {
         Self {
             device: LearnerDevice::Cpu,
+            gradients: None,
             hidden: vec![100, 200, 100],
             code_scale: 1.0,
             gamma: 0.995,
@@ -106,6 +111,15 @@ impl PpoConfig {
         }
     }
 
+    /// Where gradients and Adam's steps come from.
+    #[must_use]
+    pub fn gradients(&self) -> Gradients {
+        self.gradients.unwrap_or(match self.device {
+            LearnerDevice::Cpu => Gradients::Written,
+            LearnerDevice::Wgpu => Gradients::Recorded,
+        })
+    }
+
     /// Logarithm of the standard deviation of a new policy.
     #[must_use]
     pub fn initial_log_std(&self) -> f64 {
@@ -120,7 +134,7 @@ impl PpoConfig {
     }
 
     /// Notes the settings outside their range.
-    pub(crate) fn review(&self, faults: &mut Faults) {
+    pub fn review(&self, faults: &mut Faults) {
         let (gamma, lambda, clip) = (self.gamma, self.gae_lambda, self.clip_range);
         faults.rule("gamma", gamma, "a number in [0, 1)", (0.0..1.0).contains(&gamma));
         faults.rule("gae_lambda", lambda, "a number in [0, 1]", (0.0..=1.0).contains(&lambda));
@@ -136,6 +150,9 @@ impl PpoConfig {
         faults.positive("value_learning_rate", self.value_learning_rate, 1.0);
         let factor = self.max_lr_factor;
         faults.rule("max_lr_factor", factor, "a number in [1, 1e6]", (1.0..=1e6).contains(&factor));
+        let is_possible = self.device == LearnerDevice::Cpu || self.gradients() == Gradients::Recorded;
+        let expected = "\"recorded\", as written gradients are for the device `cpu`";
+        faults.rule("gradients", "\"written\"", expected, is_possible);
         for (key, value) in [
             ("epochs", self.epochs),
             ("minibatch_size", self.minibatch_size),
@@ -187,5 +204,15 @@ mod tests {
         assert!(bad.check().unwrap_err().to_string().starts_with("`learning_rate` is NaN"));
         let bad = PpoConfig { hidden: vec![100, 0], ..PpoConfig::default() };
         assert!(bad.check().is_err());
+    }
+
+    #[test]
+    fn gradients_follow_the_device_and_written_ones_are_for_the_cpu() {
+        let on = |device, gradients| PpoConfig { device, gradients, ..PpoConfig::default() };
+        assert_eq!(on(LearnerDevice::Cpu, None).gradients(), Gradients::Written);
+        assert_eq!(on(LearnerDevice::Wgpu, None).gradients(), Gradients::Recorded);
+        on(LearnerDevice::Cpu, Some(Gradients::Recorded)).check().unwrap();
+        let message = on(LearnerDevice::Wgpu, Some(Gradients::Written)).check().unwrap_err().to_string();
+        assert!(message.starts_with("`gradients` is \"written\", expected \"recorded\""), "{message}");
     }
 }

@@ -3,12 +3,12 @@
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
+use dappo_nn::minibatch::shuffled;
+use dappo_nn::{GaussianPolicy, Mlp, scalar};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
-use super::minibatch::shuffled;
 use crate::error::{Result, check_converging};
-use crate::nn::{GaussianPolicy, Mlp, scalar};
 
 /// A batch, and the loss that a network is to have on it.
 pub(super) trait Problem<Net> {

@@ -1,8 +1,9 @@
 //! The policy's loss and its gradients with respect to the means and the log-stds, row by row.
 
+use dappo_nn::LN_SQRT_TAU;
+
 use super::batch::PolicyBatch;
 use super::loss;
-use crate::nn::actor_critic::LN_SQRT_TAU;
 
 const MAX_LOG_RATIO: f32 = loss::MAX_LOG_RATIO as f32;
 

@@ -1,9 +1,8 @@
 //! The losses of PPO as functions of tensors, and what adapts from one update to the next.
 
 use burn::tensor::Tensor;
+use dappo_nn::LN_SQRT_TAU;
 use serde::{Deserialize, Serialize};
-
-use crate::nn::actor_critic::LN_SQRT_TAU;
 
 /// Bounds of the KL weight β and the learning-rate factor, and the step between values of either.
 const MAX_KL_COEF: f64 = 35.0;

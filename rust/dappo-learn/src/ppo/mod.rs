@@ -5,30 +5,26 @@
 //! KL weight steer the learning rate.
 
 mod batch;
-mod composed;
 pub mod config;
 mod descent;
-mod fused;
 mod gaussian;
 pub mod loss;
-mod minibatch;
+mod recorded;
 mod state;
 mod update;
+mod written;
 
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
+use dappo_nn::{ActorCritic, FrozenActorCritic, Gradients, Normalizer, adam};
 use dappo_sim::rng::{Purpose, Stream};
 
 pub use config::PpoConfig;
 pub use loss::{Adaptation, PpoLosses};
 
-use crate::cpu;
 use crate::error::Result;
-use crate::nn::{ActorCritic, fused_adam};
-use crate::normalizer::Normalizer;
 use batch::ValueBatch;
-pub(crate) use minibatch::ranges;
 
 /// Adam's guard against division by zero, as common in PPO (Andrychowicz et al., 2021).
 const ADAM_EPSILON: f32 = 1e-5;
@@ -76,23 +72,22 @@ impl Ppo {
             config: config.clone(),
             seed,
             updates: 0,
-            actor_critic: trainable(actor_critic, &device),
+            actor_critic: trainable(actor_critic, config.gradients()),
             device,
-            policy_optimizer: adam(),
-            value_optimizer: adam(),
+            policy_optimizer: optimizer(config),
+            value_optimizer: optimizer(config),
             adaptation: Adaptation::default(),
             normalizer: Normalizer::new(obs_dim, code_length)?.with_code_scale(config.code_scale as f32),
             previous: None,
         })
     }
 
-    /// The networks, for collecting rollouts.
-    #[must_use]
-    pub fn actor_critic(&self) -> &ActorCritic {
-        &self.actor_critic
+    /// The networks as they are now, for whatever acts with them.
+    pub fn frozen(&self) -> Result<FrozenActorCritic> {
+        Ok(self.actor_critic.frozen(&self.normalizer)?)
     }
 
-    /// The normaliser that the next rollout is to be collected with. [`Ppo::update`] adds each rollout to it.
+    /// The statistics of all observations so far. [`Ppo::update`] adds each rollout to them.
     #[must_use]
     pub fn normalizer(&self) -> &Normalizer {
         &self.normalizer
@@ -117,15 +112,17 @@ impl Ppo {
     }
 }
 
-/// Networks with autodiff, as optimisers take them; `device` is where they live.
+/// Networks with autodiff, as optimisers take them.
 ///
 /// burn registers every parameter that requires gradients in a table of the process, which only a backward pass
-/// clears. On CPUs there is none, and each step's new parameters would stay for ever; their gradients come from
-/// elsewhere and need no requirement.
-fn trainable(networks: ActorCritic, device: &Device) -> ActorCritic {
-    if *device == cpu() { networks.no_grad().train() } else { networks.train() }
+/// clears. Where gradients are written out there is none, and each step's new parameters would stay for ever.
+fn trainable(networks: ActorCritic, gradients: Gradients) -> ActorCritic {
+    match gradients {
+        Gradients::Written => networks.no_grad().train(),
+        Gradients::Recorded => networks.train(),
+    }
 }
 
-fn adam() -> ModuleOptimizer {
-    fused_adam(ADAM_EPSILON)
+fn optimizer(config: &PpoConfig) -> ModuleOptimizer {
+    adam(ADAM_EPSILON, config.gradients())
 }

@@ -14,18 +14,17 @@ use std::path::Path;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
+use dappo_nn::kernels::parameter_count;
+use dappo_nn::{ActorCritic, Normalizer, cpu, read};
 use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 use super::batch::ValueBatch;
 use super::loss::Adaptation;
-use super::{Ppo, PpoConfig, adam, trainable};
-use crate::cpu;
+use super::{Ppo, PpoConfig, optimizer, trainable};
 use crate::envs::Sizes;
 use crate::error::{LearnError, Result};
 use crate::files::{Files, TEXT_BYTES, write_new};
-use crate::nn::{ActorCritic, read};
-use crate::normalizer::Normalizer;
 use crate::records::{load_module, load_optimizer, read_numbers, save_module, save_optimizer, unreadable};
 
 const FORMAT: u32 = 1;
@@ -117,15 +116,15 @@ impl Ppo {
         let path = files.path(LEARNER);
         let seed = header.seed.parse().map_err(|error| unreadable(&path, error))?;
         let device = device.clone().without_autodiff();
-        let actor_critic = trainable(read_networks(files, &header, &device)?, &device);
+        let actor_critic = trainable(read_networks(files, &header, &device)?, config.gradients());
         let previous = read_value_batch(files, &header)?;
         Ok(Self {
             config: config.clone(),
             device,
             seed,
             updates: header.updates,
-            policy_optimizer: load_optimizer(adam(), &actor_critic.policy, files, POLICY_ADAM)?,
-            value_optimizer: load_optimizer(adam(), &actor_critic.value, files, VALUE_ADAM)?,
+            policy_optimizer: load_optimizer(optimizer(config), &actor_critic.policy, files, POLICY_ADAM)?,
+            value_optimizer: load_optimizer(optimizer(config), &actor_critic.value, files, VALUE_ADAM)?,
             actor_critic,
             adaptation: header.adaptation,
             normalizer: header.normalizer,
@@ -171,18 +170,12 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
     Ok(header)
 }
 
-/// Numbers of a net with these widths.
-fn parameters(widths: &[usize]) -> Option<usize> {
-    let layer = |pair: &[usize]| pair[0].checked_add(1)?.checked_mul(pair[1]);
-    widths.windows(2).map(layer).try_fold(0_usize, |sum, numbers| sum.checked_add(numbers?))
-}
-
 fn read_networks<F: Files + ?Sized>(files: &F, header: &Header, device: &Device) -> Result<ActorCritic> {
     let Header { obs_dim, action_dim, hidden, .. } = header;
     let widths = |outputs: usize| [&[*obs_dim], hidden.as_slice(), &[outputs]].concat();
-    let numbers = parameters(&widths(*action_dim)).and_then(|numbers| numbers.checked_add(*action_dim));
+    let numbers = parameter_count(&widths(*action_dim)).and_then(|numbers| numbers.checked_add(*action_dim));
     let policy_file = read_numbers(files, POLICY, numbers)?;
-    let value_file = read_numbers(files, VALUE, parameters(&widths(1)))?;
+    let value_file = read_numbers(files, VALUE, parameter_count(&widths(1)))?;
     // Any weights do, as the records replace them.
     let mut filler = Stream::new(0, 0, Purpose::Weights);
     let ActorCritic { policy, value } =

@@ -1,18 +1,18 @@
 //! One update of the policy and the value net from one rollout.
 
+use dappo_nn::error::check_length;
+use dappo_nn::minibatch::evenly_spaced;
+use dappo_nn::{Gradients, Mlp, NnError};
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::batch::{PolicyBatch, ValueBatch};
-use super::composed::{ComposedPolicy, ComposedValue};
 use super::descent::{Descent, PolicyOutcome, PolicyProblem, Problem};
-use super::fused::{FusedPolicy, FusedValue};
 use super::loss::{Objective, PpoLosses, entropy};
-use super::minibatch::evenly_spaced;
+use super::recorded::{RecordedPolicy, RecordedValue};
+use super::written::{WrittenPolicy, WrittenValue};
 use super::{Ppo, PpoConfig};
-use crate::cpu;
-use crate::error::{LearnError, Result, check_length};
+use crate::error::{LearnError, Result};
 use crate::gae::{Targets, explained_variance};
-use crate::nn::Mlp;
 use crate::rollout::Rollout;
 
 /// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand takes
@@ -70,23 +70,21 @@ impl Ppo {
             optimizer: &mut self.value_optimizer,
         };
         let (config, previous, device) = (&self.config, self.previous.as_ref(), &self.device);
-        let on_cpu = *device == cpu();
+        let gradients = config.gradients();
         let (policy, value_loss) = rayon::join(
             move || {
                 let (batch, probe) = (policy_batch, evenly_spaced(policy_batch.rows(), PROBE_ROWS));
-                let mut problem: Box<dyn PolicyProblem> = if on_cpu {
-                    Box::new(FusedPolicy::new(objective, policy.net, batch, probe)?)
-                } else {
-                    Box::new(ComposedPolicy::new(objective, policy.net, batch, probe))
+                let mut problem: Box<dyn PolicyProblem> = match gradients {
+                    Gradients::Written => Box::new(WrittenPolicy::new(objective, policy.net, batch, probe)?),
+                    Gradients::Recorded => Box::new(RecordedPolicy::new(objective, policy.net, batch, probe)),
                 };
                 policy.run(problem.as_mut(), config, shuffle)
             },
             move || {
                 let batch = value_batch.union(previous);
-                let mut problem: Box<dyn Problem<Mlp>> = if on_cpu {
-                    Box::new(FusedValue::new(&batch, value.net.sizes()))
-                } else {
-                    Box::new(ComposedValue::new(&batch, device))
+                let mut problem: Box<dyn Problem<Mlp>> = match gradients {
+                    Gradients::Written => Box::new(WrittenValue::new(&batch, value.net.sizes())),
+                    Gradients::Recorded => Box::new(RecordedValue::new(&batch, device)),
                 };
                 value.run(problem.as_mut(), config, value_shuffle)
             },
@@ -112,7 +110,7 @@ impl Ppo {
             ("action_dim of the rollout", rollout.action_dim, self.actor_critic.action_dim()),
         ] {
             if got != expected {
-                return Err(LearnError::Length { what: key, got, expected });
+                return Err(NnError::Length { what: key, got, expected }.into());
             }
         }
         if rollout.is_empty() {

@@ -4,6 +4,7 @@ mod session;
 
 use std::time::Instant;
 
+use dappo_nn::Policy;
 use dappo_sim::curriculum::stage_at;
 
 use crate::checkpoint::{Checkpoint, Progress};
@@ -12,7 +13,7 @@ use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 use crate::gae::gae;
 use crate::metrics::Metrics;
-use crate::ppo::{Ppo, PpoConfig};
+use crate::ppo::PpoConfig;
 use crate::robot_files::RobotFiles;
 use crate::run_folder::LockedRun;
 
@@ -28,9 +29,9 @@ pub trait Observer {
 }
 
 /// How a training run ended.
-pub struct Outcome {
-    /// The trained learner.
-    pub ppo: Ppo,
+pub struct TrainingOutcome {
+    /// The trained policy.
+    pub policy: Policy,
     /// Where the run stands.
     pub progress: Progress,
     /// Whether the observer stopped it before its budget was spent.
@@ -53,7 +54,7 @@ pub fn train(
     run: &LockedRun,
     resume: Option<&Resumption>,
     observer: &mut dyn Observer,
-) -> Result<Outcome> {
+) -> Result<TrainingOutcome> {
     let mut session = Session::new(config, factory)?;
     let is_fresh = !run.has_metrics() && !Checkpoint::any(&run.checkpoints())?;
     if resume.is_some() && !is_fresh {
@@ -80,7 +81,7 @@ pub fn train(
             session.save(run)?;
         }
     }
-    Ok(Outcome { progress: session.progress, ppo: session.ppo, interrupted })
+    Ok(TrainingOutcome { progress: session.progress, policy: session.ppo.frozen()?.policy, interrupted })
 }
 
 /// Says of a training that has diverged how it can go on: nothing of it has been saved since the newest checkpoint.
@@ -118,7 +119,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
         diverged: session.diverged(),
-        simulator: factory.simulator(config.env.compute()),
+        simulator: factory.simulator(factory.training_physics()),
         losses,
         rollout_seconds: (collected - start).as_secs_f64(),
         update_seconds: (updated - collected).as_secs_f64(),

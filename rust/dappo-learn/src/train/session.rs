@@ -81,6 +81,6 @@ impl Session {
     /// Collects one rollout.
     pub fn collect(&mut self) -> Result<Rollout> {
         let first_step = self.progress.env_steps / self.num_envs as u64;
-        self.engine.collect(&self.ppo, &mut self.episodes, first_step)
+        self.engine.collect(&self.ppo.frozen()?, &mut self.episodes, first_step)
     }
 }

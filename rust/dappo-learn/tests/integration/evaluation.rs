@@ -3,23 +3,24 @@
 use std::cell::RefCell;
 
 use crate::counter::{CODE, Counter, ROBOT, ROW};
+use crate::run_folder::{create, scratch};
 use dappo_learn::config::Config;
 use dappo_learn::envs::{EnvFactory, Sizes};
-use dappo_learn::evaluate::{Encoding, Evaluation, Policy, evaluate, evaluate_told};
-use dappo_learn::{Compute, Simulator};
-use dappo_sim::{Backend, DamageSpace, Robot, SimError};
+use dappo_learn::evaluate::{Conditions, Evaluation, Policy, evaluate};
+use dappo_learn::walk::Encoding;
+use dappo_sim::{Backend, DamageSpace, Physics, Precision, Robot, SimError};
 
-const CLASSES: usize = 33;
+pub const CLASSES: usize = 33;
 const EPISODES: usize = 4;
-const STEPS: usize = 3;
+pub const STEPS: usize = 3;
 
-struct Factory {
+pub struct Factory {
     robot: Robot,
     space: DamageSpace,
 }
 
 impl Factory {
-    fn new(max_damaged_limbs: usize) -> Self {
+    pub fn new(max_damaged_limbs: usize) -> Self {
         let types = vec!["jammed_joint".into(), "missing_toe".into()];
         let space = DamageSpace::new(4, types, max_damaged_limbs).unwrap();
         Self { robot: Robot::from_toml(ROBOT).unwrap(), space }
@@ -35,45 +36,50 @@ impl EnvFactory for Factory {
         &self.space
     }
 
-    fn sizes(&self, _: &Config) -> Result<Sizes, SimError> {
-        Ok(Sizes { obs_dim: ROW + CODE, code_length: CODE, action_dim: 2 })
+    fn sizes(&self, config: &Config) -> Result<Sizes, SimError> {
+        let code_length = if config.env.observe_damage { CODE } else { 0 };
+        Ok(Sizes { obs_dim: ROW + code_length, code_length, action_dim: 2 })
     }
 
-    fn simulator(&self, compute: Compute) -> Simulator {
-        Simulator {
-            backend: "counter".into(),
-            precision: compute.precision.name().into(),
-            device: compute.device.name().into(),
-            physics: "none".into(),
-        }
+    fn integrator(&self) -> &'static str {
+        "none"
     }
 
-    fn backend(&self, envs: usize, _: Option<&str>, _: Compute) -> Result<Box<dyn Backend>, SimError> {
+    fn training_physics(&self) -> Physics {
+        Physics::Mujoco
+    }
+
+    fn evaluation_physics(&self) -> Physics {
+        Physics::Lanes(Precision::F32)
+    }
+
+    fn backend(&self, envs: usize, _: Option<&str>, physics: Physics) -> Result<Box<dyn Backend>, SimError> {
+        assert_eq!(physics, self.evaluation_physics());
         Ok(Box::new(Counter::new(envs, self.space.classes().len())))
     }
 }
 
 /// Keeps every observation, and acts on the class and the step that it shows.
-struct Recorder<F> {
-    act: F,
+pub struct Recorder<F> {
+    pub act: F,
     /// Length of an observation.
-    width: usize,
-    seen: RefCell<Vec<Vec<f32>>>,
+    pub width: usize,
+    pub seen: RefCell<Vec<Vec<f32>>>,
 }
 
 /// An observation: the step of the episode, the class, the code.
-struct Seen<'a> {
-    step: usize,
-    class: usize,
-    code: &'a [f32],
+pub struct Seen<'a> {
+    pub step: usize,
+    pub class: usize,
+    pub code: &'a [f32],
 }
 
-fn read(row: &[f32]) -> Seen<'_> {
+pub fn read(row: &[f32]) -> Seen<'_> {
     Seen { step: row[1] as usize, class: row[2] as usize, code: &row[ROW..] }
 }
 
 impl<F: Fn(usize, usize) -> [f32; 2]> Recorder<F> {
-    fn new(act: F) -> Self {
+    pub fn new(act: F) -> Self {
         Self { act, width: ROW + CODE, seen: RefCell::default() }
     }
 }
@@ -89,7 +95,7 @@ impl<F: Fn(usize, usize) -> [f32; 2]> Policy for Recorder<F> {
     }
 }
 
-fn config(episodes: usize, observe_damage: bool) -> Config {
+pub fn config(episodes: usize, observe_damage: bool) -> Config {
     let mut config = Config::default();
     config.evaluation.episodes = episodes;
     config.env.observe_damage = observe_damage;
@@ -116,12 +122,12 @@ fn codes_shown(encoding: Encoding, episodes: usize) -> Vec<Vec<Vec<f32>>> {
     codes
 }
 
-fn code_of(class: usize) -> Vec<f32> {
+pub fn code_of(class: usize) -> Vec<f32> {
     Factory::new(2).space.classes()[class].code(4, 2)
 }
 
 #[test]
-fn a_policy_is_told_the_truth_or_that_nothing_is_damaged() {
+fn a_policy_has_the_true_code_or_that_of_no_damage() {
     for codes in codes_shown(Encoding::True, EPISODES) {
         for (env, code) in codes.iter().enumerate() {
             assert_eq!(*code, code_of(env / EPISODES));
@@ -137,14 +143,14 @@ fn a_wrong_code_is_that_of_another_class_and_held_through_the_episode() {
     let shown = codes_shown(Encoding::Wrong, EPISODES);
     assert!(shown.iter().all(|codes| *codes == shown[0]), "held through the episode");
     let valid: Vec<Vec<f32>> = (0..CLASSES).map(code_of).collect();
-    let mut told = [0; CLASSES];
+    let mut drawn = [0; CLASSES];
     for (env, code) in shown[0].iter().enumerate() {
         let class = valid.iter().position(|valid| valid == code).unwrap();
         assert_ne!(class, env / EPISODES);
-        told[class] += 1;
+        drawn[class] += 1;
     }
     // 132 uniform draws leave a given class out with probability e⁻⁴, and more than ten of 33 hardly ever.
-    assert!(told.iter().filter(|&&count| count > 0).count() > 22, "{told:?}");
+    assert!(drawn.iter().filter(|&&count| count > 0).count() > 22, "{drawn:?}");
     assert!((0..CLASSES).any(|class| {
         let of_class = &shown[0][class * EPISODES..(class + 1) * EPISODES];
         of_class.iter().any(|code| *code != of_class[0])
@@ -171,7 +177,7 @@ fn a_random_code_changes_every_step() {
 }
 
 #[test]
-fn an_episode_is_told_the_same_however_many_others_there_are() {
+fn an_episode_has_the_same_codes_however_many_others_there_are() {
     for encoding in [Encoding::Wrong, Encoding::Random] {
         let (few, many) = (codes_shown(encoding, 2), codes_shown(encoding, EPISODES));
         for (few, many) in few.iter().zip(&many) {
@@ -196,8 +202,8 @@ fn falls_and_divergences_are_counted_in_their_own_class_and_once() {
         (3 | 5, 1..) => [0.5, 2.0],
         _ => [0.5, 0.0],
     });
-    assert_eq!(found.simulator.backend, "counter");
-    assert_eq!((found.simulator.precision.as_str(), found.simulator.device.as_str()), ("f64", "cpu"));
+    assert_eq!(found.simulator.physics, Physics::Lanes(Precision::F32));
+    assert_eq!(found.simulator.integrator, "none");
     assert_eq!(found.classes.len(), CLASSES);
     for class in &found.classes {
         // Velocities are 10, 20, 30 and rewards 0.5; both are 0 in a step that diverges.
@@ -215,7 +221,7 @@ fn falls_and_divergences_are_counted_in_their_own_class_and_once() {
 }
 
 #[test]
-fn a_policy_that_is_unaware_of_damage_is_told_nothing_else() {
+fn a_policy_that_is_unaware_of_damage_has_no_other_code() {
     let unaware = |encoding| {
         let policy = Recorder { width: ROW, ..Recorder::new(|_, _| [1.0, 0.0]) };
         evaluate(&policy, &config(1, false), encoding, &Factory::new(2), &|| false)
@@ -256,17 +262,38 @@ fn an_evaluation_that_is_asked_to_stop_has_no_result() {
 }
 
 #[test]
-fn a_policy_can_be_told_any_class_about_any_robot() {
-    let policy = Recorder::new(|class, _| [class as f32, 0.0]);
-    let pairs = [(5, 0), (0, 7), (5, 5)];
-    let rewards =
-        evaluate_told(&policy, &config(2, true), &pairs, &Factory::new(2), &|| false).unwrap().unwrap();
-    // The counter's forward velocity is ten times the step of the episode.
-    assert_eq!(rewards, [60.0; 3]);
-    for obs in policy.seen.into_inner() {
-        for (env, row) in obs.chunks_exact(ROW + CODE).map(read).enumerate() {
-            let (class, told) = pairs[env / 2];
-            assert_eq!((row.class, row.code), (class, code_of(told).as_slice()));
-        }
+fn tables_are_written_beside_each_other_by_what_the_policy_was_told() {
+    let factory = Factory::new(1);
+    let root = scratch("tables");
+    let run = create(&root, 0).unwrap();
+    for encoding in [Encoding::True, Encoding::Zero] {
+        let still = Recorder::new(|_, _| [0.0, 0.0]);
+        let found = evaluate(&still, &config(2, true), encoding, &factory, &|| false).unwrap().unwrap();
+        found.write(&run).unwrap();
     }
+    let mut names: Vec<_> = std::fs::read_dir(root.join("eval"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    assert_eq!(names, ["groups.csv", "groups.zero.csv", "per_class.csv", "per_class.zero.csv"]);
+    let table = std::fs::read_to_string(root.join("eval").join("per_class.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + factory.space().classes().len());
+    std::fs::remove_dir_all(&root).unwrap();
+}
+
+#[test]
+fn evaluations_of_other_episodes_cannot_stand_beside_each_other() {
+    let (one, other) = (Factory::new(1), Factory::new(2));
+    let conditions = |config: &Config, factory: &Factory| Conditions::new(config, factory).unwrap();
+    let first = conditions(&config(2, true), &one);
+    // Neither the number of episodes nor what the policy observes changes an episode.
+    first.check("a", "b", &conditions(&config(5, false), &one)).unwrap();
+    let refused = first.check("a", "b", &conditions(&config(2, true), &other)).unwrap_err().to_string();
+    assert!(refused.contains("b cannot be evaluated beside a"), "{refused}");
+    assert!(refused.contains("its `damage.max_damaged_limbs` is `2`, expected `1`"), "{refused}");
+    let mut weaker = config(2, true);
+    weaker.damage.severity = 0.5;
+    let refused = first.check("a", "b", &conditions(&weaker, &one)).unwrap_err().to_string();
+    assert!(refused.contains("its `damage.severity` is `0.5`, expected `1`"), "{refused}");
 }

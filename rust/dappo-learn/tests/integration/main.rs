@@ -5,10 +5,8 @@
 #[path = "../../../dappo-sim/tests/integration/counter/mod.rs"]
 mod counter;
 
-mod diagnoser;
 mod evaluation;
-mod fused_lstm;
-mod fused_mlp;
 mod ppo;
 mod properties;
 mod run_folder;
+mod walk;

@@ -8,22 +8,22 @@ use dappo_learn::Simulator;
 use dappo_learn::checkpoint::Progress;
 use dappo_learn::config::{Config, change};
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
+use dappo_sim::Physics;
 
 const RIVALS: u64 = 8;
 
-fn scratch(name: &str) -> PathBuf {
+pub fn scratch(name: &str) -> PathBuf {
     let root = std::env::temp_dir().join(format!("dappo-run-folder-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&root);
     root
 }
 
 /// A run that can be told by its seed.
-fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
-    let [backend, precision, device, physics] = ["lanes", "f32", "cpu", "rk4"].map(String::from);
+pub fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
     let meta = Meta {
         version: "0".into(),
         mujoco: "0".into(),
-        simulator: Simulator { backend, precision, device, physics },
+        simulator: Simulator { physics: Physics::Mujoco, integrator: "rk4".into() },
         reward: "gym".into(),
         threads: 1,
         platform: "test".into(),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::{Sender, channel};
 
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -16,8 +16,8 @@ pub enum Caller {
     Terminal,
     /// Objects go to the thread that waits, which raises the flag to stop the command.
     Program {
-        /// Texts of the objects.
-        objects: Sender<String>,
+        /// Texts of the objects, each with the one who waits until it has been answered.
+        objects: Sender<(String, Sender<()>)>,
         /// Whether to stop.
         stop: Arc<AtomicBool>,
     },
@@ -31,9 +31,13 @@ impl Caller {
             Err(error) => return console::remember(Err(error.into())),
         };
         match self {
-            Self::Terminal => console::print_line(&text),
+            Self::Terminal => console::write_line(&text),
             Self::Program { objects, .. } => {
-                let _ = objects.send(text);
+                let (answered, answer) = channel();
+                if objects.send((text, answered)).is_ok() {
+                    // The answer comes from Python. Whoever is told of an iteration can stop the command at it.
+                    Python::attach(|py| py.detach(move || _ = answer.recv()));
+                }
             }
         }
     }

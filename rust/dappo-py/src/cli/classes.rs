@@ -4,9 +4,10 @@ use dappo_sim::DamageSpace;
 use pyo3::prelude::*;
 use serde_json::json;
 
+use super::Caller;
 use super::args::ClassesArgs;
-use super::{Caller, console};
-use crate::errors::from_sim;
+use crate::cli::console::Table;
+use crate::errors::OrRaise;
 
 pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult<i32> {
     let robots = py.import("dappo_batch.robots")?;
@@ -16,13 +17,13 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
     };
     let object = robots.call_method1("load_robot", (name,))?;
     let toml: String = object.getattr("toml_text")?.extract()?;
-    let robot = dappo_sim::Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
+    let robot = dappo_sim::Robot::from_toml(&toml).or_raise()?;
     let types = arguments.types.clone().unwrap_or_else(|| robot.damage.types.clone());
     let max_damaged = arguments.max_damaged_limbs.unwrap_or(robot.damage.max_damaged_limbs);
-    let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).map_err(|error| from_sim(&error))?;
+    let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).or_raise()?;
     // Classes of a robot that does not exist, or whose limbs cannot break in this way, are none.
     let checked = if max_damaged > 0 { space.types() } else { &[] };
-    py.import("dappo_batch.class_table")?.call_method1("check_robot", (object, checked.to_vec()))?;
+    py.import("dappo_batch.model")?.call_method1("check_robot", (object, checked.to_vec()))?;
     let code = |class: &dappo_sim::DamageClass| -> Vec<u8> {
         class.code(space.limbs(), space.types().len()).iter().map(|&bit| u8::from(bit > 0.0)).collect()
     };
@@ -35,10 +36,11 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
         caller.object(&rows);
         return Ok(0);
     }
-    console::print_line(&format!("{:>4}  {:<40}  {:<8}  code", "id", "name", "group"));
+    let mut table = Table::new(&["id", "<name", "<group", "<code"]);
     for class in space.classes() {
-        let bits: String = code(class).iter().map(ToString::to_string).collect();
-        console::print_line(&format!("{:>4}  {:<40}  {:<8}  {bits}", class.id, class.name, class.group));
+        let bits = code(class).iter().map(ToString::to_string).collect();
+        table.row([class.id.to_string(), class.name.clone(), class.group.clone(), bits]);
     }
+    table.print();
     Ok(0)
 }

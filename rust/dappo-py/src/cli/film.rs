@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use dappo_learn::adapt::Walk;
+use dappo_learn::walk::Episode;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::{Caller, console};
+use super::Caller;
+use crate::cli::console::note;
 use crate::factory::{TableFactory, to_python};
 
 /// Who walks, as far as the captions say so.
@@ -18,11 +19,9 @@ pub enum Walker {
     Policy(&'static str),
 }
 
-/// A walk whose positions were kept.
+/// An episode whose positions were kept.
 pub struct Film<'a> {
-    pub walk: &'a Walk,
-    /// Step at which its damage struck.
-    pub onset: usize,
+    pub episode: &'a Episode,
     pub walker: Walker,
     /// Compiled its robot.
     pub factory: &'a TableFactory,
@@ -52,8 +51,8 @@ impl Film<'_> {
     pub fn write(&self, py: Python<'_>, path: &Path, caller: &Caller) -> PyResult<()> {
         caller.leave_to_python(py)?;
         let pictures: usize = render(py)?.call_method1("write", (path, self.in_python(py)?))?.extract()?;
-        let steps = self.walk.velocities.len();
-        console::note(&format!("{}: pictures {pictures}, steps {steps}", path.display()));
+        let steps = self.episode.steps;
+        note!("{}: pictures {pictures}, steps {steps}", path.display());
         Ok(())
     }
 
@@ -70,15 +69,15 @@ impl Film<'_> {
     }
 
     fn in_python<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let (positions, states) = (&self.walk.positions, self.walk.velocities.len() + 1);
+        let (positions, states) = (&self.episode.positions, self.episode.steps + 1);
         let qpos = PyArray1::from_slice(py, positions).reshape([states, positions.len() / states])?;
         let about = PyDict::new(py);
-        about.set_item("damage", self.walk.class)?;
-        about.set_item("onset", self.onset)?;
-        about.set_item("forward_velocity", PyArray1::from_slice(py, &self.walk.velocities))?;
+        about.set_item("damage", self.episode.class)?;
+        about.set_item("onset", self.episode.onset)?;
+        about.set_item("forward_velocity", PyArray1::from_slice(py, &self.episode.velocities))?;
         match &self.walker {
             Walker::Controller(known_names) => {
-                about.set_item("events", to_python(py, &self.walk.events)?)?;
+                about.set_item("events", to_python(py, &self.episode.events)?)?;
                 about.set_item("known_names", known_names)?;
             }
             Walker::Policy(note) => about.set_item("note", note)?,

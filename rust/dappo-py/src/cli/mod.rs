@@ -14,6 +14,7 @@ mod progress;
 mod render;
 pub mod settings;
 mod signals;
+mod tools;
 mod train;
 
 use std::ffi::{OsStr, OsString};
@@ -22,7 +23,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use pyo3::prelude::*;
 
-use args::{Cli, Command, ForwardedArgs};
+use args::{Cli, Command};
 pub use caller::Caller;
 
 const FAILED: i32 = 1;
@@ -35,7 +36,7 @@ const INTERRUPTED: i32 = 130;
 pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
     let code = match parse(&argv) {
         Ok(cli) => {
-            let outcome = run(py, &cli, &argv, &Caller::Terminal);
+            let outcome = run(py, &cli.command, &words(&argv), &Caller::Terminal);
             outcome.unwrap_or_else(|error| report(py, &error))
         }
         Err(error) => {
@@ -47,7 +48,13 @@ pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
             if asked { 0 } else { BAD_USAGE }
         }
     };
-    let code = if console::finish() || code != 0 { code } else { FAILED };
+    let code = match console::finish() {
+        Err(message) => {
+            console::error(&message);
+            if code == 0 { FAILED } else { code }
+        }
+        Ok(()) => code,
+    };
     // A Ctrl-C that a command has answered by itself still waits in Python, which would end with a trace.
     if py.check_signals().is_err() { INTERRUPTED } else { code }
 }
@@ -59,40 +66,36 @@ pub fn parse(argv: &[OsString]) -> Result<Cli, clap::Error> {
     )
 }
 
-/// Runs a command; returns its exit code.
-pub fn run(py: Python<'_>, cli: &Cli, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
-    match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, argv, caller),
+/// A command line as a person reads it.
+pub fn words(argv: &[OsString]) -> Vec<String> {
+    std::iter::once("dappo-batch".into())
+        .chain(argv.iter().map(|word| word.to_string_lossy().into()))
+        .collect()
+}
+
+/// Runs a command; returns its exit code. `given` is how it was given, word by word.
+pub fn run(py: Python<'_>, command: &Command, given: &[String], caller: &Caller) -> PyResult<i32> {
+    match command {
+        Command::Train(arguments) => train::run(py, arguments, given, caller),
         Command::Evaluate(arguments) => evaluate::run(py, arguments, caller),
         Command::Diagnose(arguments) => diagnose::run(py, arguments, caller),
         Command::Adapt(arguments) => adapt::run(py, arguments, caller),
-        Command::Export(arguments) => export::run(py, arguments),
+        Command::Export(arguments) => export::run(py, arguments, caller),
         Command::Render(arguments) => render::run(py, arguments, caller),
         Command::View(arguments) => render::view(py, arguments, caller),
-        Command::Sweep(arguments) => forward(py, "dappo_batch.sweeping.command", arguments),
-        Command::Report(arguments) => forward(py, "dappo_batch.report", arguments),
+        Command::Sweep(arguments) => tools::sweep(py, arguments),
+        Command::Report(arguments) => tools::report(py, arguments),
         Command::Classes(arguments) => classes::run(py, arguments, caller),
         Command::Config(arguments) => settings::print(py, arguments),
-        Command::Bench(arguments) => forward(py, "dappo_batch.bench", arguments),
-        Command::Doctor(arguments) => forward(py, "dappo_batch.doctor", arguments),
+        Command::Bench(arguments) => tools::bench(py, arguments),
+        Command::Doctor(arguments) => tools::doctor(py, arguments),
     }
-}
-
-fn forward(py: Python<'_>, module: &str, arguments: &ForwardedArgs) -> PyResult<i32> {
-    let main = py.import(module)?.getattr("main")?;
-    py.import("dappo_batch.commands.output")?
-        .call_method1("written", (main, arguments.arguments.clone()))?
-        .extract()
 }
 
 /// Prints an error and chooses the exit code. Our own exceptions explain themselves; others keep their trace.
 fn report(py: Python<'_>, error: &PyErr) -> i32 {
     if error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
         return INTERRUPTED;
-    }
-    if let Ok(exit) = error.value(py).cast::<pyo3::exceptions::PySystemExit>() {
-        // A forwarded command's own argument parser has spoken already.
-        return exit.getattr("code").and_then(|code| code.extract()).unwrap_or(BAD_USAGE);
     }
     if crate::errors::is_ours(py, error) {
         console::error(&error.value(py).to_string());

@@ -8,7 +8,17 @@ use dappo_learn::metrics::Metrics;
 use dappo_learn::train::Observer;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Caller, console};
+use super::Caller;
+use crate::cli::console::note;
+
+/// A progress bar, unless it is to be hidden.
+pub fn bar(length: u64, is_shown: bool) -> ProgressBar {
+    let bar = if is_shown { ProgressBar::new(length) } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
 
 /// Shows iterations and passes Ctrl-C on.
 pub struct Display<'a> {
@@ -25,11 +35,7 @@ pub struct Display<'a> {
 impl<'a> Display<'a> {
     /// A progress bar on a terminal, or one JSON object an iteration.
     pub fn new(config: &Config, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
-        let bar =
-            if objects.is_some() { ProgressBar::hidden() } else { ProgressBar::new(config.total_steps) };
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
-            bar.set_style(style);
-        }
+        let bar = bar(config.total_steps, objects.is_none());
         let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
         Self {
             bar,
@@ -46,10 +52,10 @@ impl<'a> Display<'a> {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
         if self.diverged > 0 && self.objects.is_none() {
-            console::note(&format!(
+            note!(
                 "divergences of the physics: {}; each ended its episode, and `diverged` in metrics.jsonl says when",
                 self.diverged
-            ));
+            );
         }
     }
 }
@@ -77,7 +83,7 @@ impl Observer for Display<'_> {
         if self.bar.is_hidden() {
             // Not a terminal: one line now and then.
             if metrics.iteration.is_multiple_of(20) || metrics.iteration == self.iterations {
-                console::note(&message);
+                note!("{}", message);
             }
         } else {
             self.bar.set_message(message);

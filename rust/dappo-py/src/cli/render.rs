@@ -2,19 +2,19 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use dappo_diagnose::controller::ControllerConfig;
 use dappo_learn::Result;
-use dappo_learn::adapt::{Pilot, Trial, Vocabulary, Walks};
 use dappo_learn::config::Config;
-use dappo_learn::controller::ControllerConfig;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
+use dappo_learn::walk::{Agent, Encoding, Kept, KnownClasses, Trial, Walks, onset_at};
 use pyo3::prelude::*;
 
 use super::args::{RenderArgs, ViewArgs, WalkArgs};
 use super::film::{self, Film, Walker};
 use super::{Caller, INTERRUPTED, policy, settings};
 use crate::controller::Parts;
-use crate::errors::{from_learn, from_sim};
+use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
@@ -47,22 +47,22 @@ fn film_walk(
         None => None,
     };
     let OpenRun { folder, mut config, .. } = run;
-    settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
+    settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
     let pool = Pool::new(arguments.simulation.threads())?;
-    config.env.max_episode_steps = Some(arguments.steps as usize);
+    config.env.max_episode_steps = Some(arguments.steps.count());
     let factory = TableFactory::compile(py, &config)?;
     let trial = Trial {
-        classes: vec![factory.space().parse(&arguments.damage).map_err(|error| from_sim(&error))?],
+        classes: vec![factory.space().parse(&arguments.damage).or_raise()?],
         episodes: 1,
-        onset: arguments.at as usize,
-        seed: arguments.seed as u64,
-        filmed: true,
+        onset: onset_at(arguments.at.count(), &config, &factory).or_raise()?,
+        seed: arguments.seed.wide(),
+        kept: Kept::Positions,
     };
     let interrupted = caller.watch()?;
     let walked = pool.run(py, || walk(parts.as_ref(), (&folder, &config, &factory), &trial, &interrupted))?;
     let Some((walks, walker)) = walked else { return Ok(INTERRUPTED) };
-    if let Some(walk) = walks.episodes.first() {
-        show(&Film { walk, onset: trial.onset, walker, factory: &factory })?;
+    if let Some(episode) = walks.episodes.first() {
+        show(&Film { episode, walker, factory: &factory })?;
     }
     Ok(0)
 }
@@ -75,18 +75,18 @@ fn walk(
     interrupted: &AtomicBool,
 ) -> Result<Option<(Walks, Walker)>> {
     let stop = || interrupted.load(Ordering::Relaxed);
-    let run = |mut pilot: Pilot<'_>| trial.run(&mut pilot, config, factory, &stop);
+    let run = |mut agent: Agent<'_>| trial.run(&mut agent, config, factory, &stop);
     if let Some(parts) = parts {
         let mut controller = parts.assemble(folder, config, factory, ControllerConfig::default(), 1)?;
         let walker = Walker::Controller(controller.class_names().to_vec());
-        return Ok(run(Pilot::Controller(&mut controller))?.map(|walks| (walks, walker)));
+        return Ok(run(Agent::Onboard(&mut controller))?.map(|walks| (walks, walker)));
     }
-    let policy = policy::load(folder, config, factory)?.ppo;
-    let vocabulary = Vocabulary::new(factory.space(), factory.space());
-    let (pilot, walker) = if policy.normalizer().code_length() > 0 {
-        (Pilot::Oracle(&policy, &vocabulary), Walker::Policy("the policy is told at once"))
+    let policy = policy::load(folder, config, factory)?.policy;
+    let known = KnownClasses::of(factory.space());
+    let (agent, walker) = if policy.code_length() > 0 {
+        (Agent::Encoded(&policy, &known, Encoding::True), Walker::Policy("the policy is told at once"))
     } else {
-        (Pilot::Unaware(&policy), Walker::Policy("the policy is not told"))
+        (Agent::Unaware(&policy), Walker::Policy("the policy is not told"))
     };
-    Ok(run(pilot)?.map(|walks| (walks, walker)))
+    Ok(run(agent)?.map(|walks| (walks, walker)))
 }

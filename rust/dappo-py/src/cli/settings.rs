@@ -5,12 +5,13 @@ use std::path::Path;
 use dappo_learn::LearnError;
 use dappo_learn::config::{Config, Layers};
 use dappo_learn::envs::EnvFactory;
+use dappo_learn::files::read_given_text;
 use dappo_sim::{BackendKind, Device, Precision, SimError};
 use pyo3::prelude::*;
 
-use super::args::{ConfigArgs, SimulationArgs};
+use super::args::{AtLeast, ConfigArgs, Count, SimulationArgs, Threads};
 use super::console;
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::warp;
 
@@ -19,16 +20,16 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
     let robots = py.import("dappo_batch.robots")?;
     let mut layers = Layers::default();
     let default: String = robots.getattr("DEFAULT_ROBOT")?.extract()?;
-    layers.set("robot", default).map_err(|error| from_learn(&error))?;
+    layers.set("robot", default).or_raise()?;
     if arguments.config.is_none() {
         // The configuration that comes with the robot: its file name and text.
         let built_in = robots.call_method1("built_in_config", (arguments.robot.as_deref(),))?;
         if let Some((name, text)) = built_in.extract::<Option<(String, String)>>()? {
-            layers.add_toml(&text, &name).map_err(|error| from_learn(&error))?;
+            layers.add_toml(&text, &name).or_raise()?;
         }
     }
-    add_arguments(&mut layers, arguments).map_err(|error| from_learn(&error))?;
-    let mut config = layers.resolve().map_err(|error| from_learn(&error))?;
+    add_arguments(&mut layers, arguments).or_raise()?;
+    let mut config = layers.resolve().or_raise()?;
     // The run folder must find its robot file from any working directory.
     if let Some(path) =
         Path::new(&config.robot).is_file().then(|| std::path::absolute(&config.robot).ok()).flatten()
@@ -41,31 +42,33 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
 /// Lays `--config` and the flags over what is there.
 fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Result<()> {
     if let Some(path) = &arguments.config {
-        let text = std::fs::read_to_string(path)
+        let text = read_given_text(path)
             .map_err(|error| LearnError::Invalid(format!("cannot read {}: {error}", path.display())))?;
         layers.add_toml(&text, &path.display().to_string())?;
     }
     for (key, value) in [
-        ("env.num_envs", arguments.envs),
-        ("total_steps", arguments.steps),
-        ("seed", arguments.seed),
-        ("env.threads", arguments.threads),
+        ("env.num_envs", arguments.num_envs.map(Count::get)),
+        ("total_steps", arguments.total_steps.map(AtLeast::get)),
+        ("seed", arguments.seed.map(AtLeast::get)),
+        ("env.threads", arguments.threads.map(Threads::get)),
+        ("env.njmax", arguments.room.njmax.map(Count::get)),
+        ("env.nconmax", arguments.room.nconmax.map(Count::get)),
     ] {
         if let Some(value) = value {
             layers.set(key, value)?;
         }
     }
     for (key, value) in [
-        ("robot", &arguments.robot),
-        ("env.device", &arguments.device),
-        ("env.backend", &arguments.backend),
-        ("env.precision", &arguments.precision),
-        ("ppo.device", &arguments.learner),
-        ("env.reward", &arguments.reward),
-        ("env.physics", &arguments.physics),
+        ("robot", arguments.robot.as_deref()),
+        ("env.device", arguments.device.as_deref()),
+        ("env.backend", arguments.backend.as_deref()),
+        ("env.precision", arguments.precision.as_deref()),
+        ("ppo.device", arguments.learner.as_deref()),
+        ("env.reward", arguments.reward.as_deref()),
+        ("env.physics", arguments.physics.as_deref()),
     ] {
         if let Some(value) = value {
-            layers.set(key, value.as_str())?;
+            layers.set(key, value)?;
         }
     }
     if arguments.unaware {
@@ -74,20 +77,17 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     if arguments.healthy {
         layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
     }
-    for assignment in &arguments.set {
-        layers.set_assignment(assignment)?;
-    }
-    Ok(())
+    layers.assign(&arguments.set)
 }
 
 /// Settles the devices and compiles the robot of a training. All that can be known to be wrong is refused here, before
 /// there is a run folder.
 pub fn ready(py: Python<'_>, config: &mut Config) -> PyResult<TableFactory> {
-    config.env.device = training_device(config).map_err(|error| from_sim(&error))?;
-    config.evaluation.device = warp::resolve(config.evaluation.device).map_err(|error| from_sim(&error))?;
-    config.ppo.device.open().map_err(|error| from_learn(&error))?;
+    config.env.device = training_device(config).or_raise()?;
+    config.evaluation.device = warp::resolve(config.evaluation.device).or_raise()?;
+    config.ppo.device.open().or_raise()?;
     let factory = TableFactory::compile(py, config)?;
-    check_robot(config, &factory).map_err(|error| from_sim(&error))?;
+    check_robot(config, &factory).or_raise()?;
     Ok(factory)
 }
 
@@ -116,6 +116,7 @@ pub fn training_device(config: &Config) -> Result<Device, SimError> {
 pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
     // Threads are a matter of this machine, not of the one that trained.
     config.env.threads = arguments.threads();
+    arguments.room.lay_over(&mut config.env);
     if let Some(backend) = &arguments.backend {
         config.env.backend = BackendKind::parse(backend)?;
     }

@@ -1,28 +1,27 @@
 //! `dappo-batch train`.
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use dappo_learn::LearnerDevice;
-use dappo_learn::config::{Config, change};
+use dappo_learn::config::{Assignment, Config, change};
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::Encoding;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::{Resumption, train};
+use dappo_learn::walk::Encoding;
 use pyo3::prelude::*;
 
-use super::args::TrainArgs;
+use super::args::{ConfigArgs, TrainArgs};
 use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
-use super::{Caller, INTERRUPTED, console, settings};
-use crate::errors::from_learn;
+use super::{Caller, INTERRUPTED, settings};
+use crate::cli::console::{note, print_line};
+use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
 
-pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Caller) -> PyResult<i32> {
+pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
         let (run, resumption, config) = reopen(py, folder, arguments)?;
         (config, Some((run, resumption)))
@@ -35,11 +34,11 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     config.env.backend = factory.backend_kind();
     let (run, resumption) = match resumed {
         Some((run, resumption)) => (run, Some(resumption)),
-        None => (create(py, arguments, &config, &factory, argv, pool.num_threads())?, None),
+        None => (create(py, arguments, &config, &factory, given, pool.num_threads())?, None),
     };
     if !arguments.json {
-        console::note(&describe(&config, &factory, &run));
-        console::note(&factory.describe(config.env.compute()));
+        note!("{}", describe(&config, &factory, &run));
+        note!("{}", factory.describe(factory.training_physics()));
     }
 
     let interrupted = caller.watch()?;
@@ -49,25 +48,24 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
     display.finish();
     let outcome = outcome?;
     if outcome.interrupted {
-        console::note(&format!(
+        note!(
             "interrupted and saved at {} env steps; go on with: dappo-batch train --resume {}",
             outcome.progress.env_steps,
             run.root().display()
-        ));
+        );
         return Ok(INTERRUPTED);
     }
-    let evaluation = pool
-        .run(py, || evaluate_and_save(&outcome.ppo, &config, Encoding::True, &factory, &run, &interrupted))?;
+    let evaluation = pool.run(py, || {
+        evaluate_and_save(&outcome.policy, &config, Encoding::True, &factory, &run, &interrupted)
+    })?;
     let Some(evaluation) = evaluation else {
         let root = run.root().display();
-        console::note(&format!(
-            "interrupted after the training; evaluate it with: dappo-batch evaluate {root}"
-        ));
+        note!("interrupted after the training; evaluate it with: dappo-batch evaluate {root}");
         return Ok(INTERRUPTED);
     };
     if !arguments.json {
         show(&evaluation);
-        console::print_line(&format!("run folder: {}", run.root().display()));
+        print_line!("run folder: {}", run.root().display());
     }
     Ok(0)
 }
@@ -78,20 +76,24 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, argv: &[OsString], caller: &Ca
 fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Resumption, Config)> {
     let OpenRun { folder, config: simulated, robot, is_kept, .. } =
         OpenRun::open(py, folder, arguments.robot_changed)?;
-    let run = folder.lock().map_err(|error| from_learn(&error))?;
+    let run = folder.lock().or_raise()?;
     let robot = if is_kept { None } else { Some(robot.to_keep(py)?) };
-    let (_, stored) = RunFolder::open(run.root()).map_err(|error| from_learn(&error))?;
-    let mut changed = change(&stored, &arguments.config.set).map_err(|error| from_learn(&error))?;
-    if let Some(steps) = arguments.config.steps {
-        changed.total_steps = steps as u64;
-    }
-    let mut config = changed.clone();
-    if let Some(threads) = arguments.config.threads {
-        config.env.threads = Some(threads as usize);
-    }
-    if let Some(device) = &arguments.config.learner {
-        config.ppo.device = LearnerDevice::parse(device).map_err(|error| from_learn(&error))?;
-    }
+    let (_, stored) = RunFolder::open(run.root()).or_raise()?;
+    let ConfigArgs { total_steps, room, threads, learner, set, .. } = &arguments.config;
+    let number = |key: &str, number: u64| Assignment::Value(key.into(), toml::Value::Integer(number as i64));
+    let steps = total_steps.map(|steps| number("total_steps", steps.wide()));
+    let njmax = room.njmax.map(|room| number("env.njmax", room.wide()));
+    let nconmax = room.nconmax.map(|room| number("env.nconmax", room.wide()));
+    let threads = threads.map(|threads| number("env.threads", threads.wide()));
+    let learner = learner.as_ref().map(|device| format!("ppo.device='{}'", &**device).into());
+    // As in a new run, an explicit `--set` wins over the flags.
+    let changed_by = |flags: &[&Option<Assignment>]| {
+        let flags = flags.iter().copied().flatten();
+        let assignments: Vec<Assignment> = flags.chain(set).cloned().collect();
+        change(&stored, &assignments).or_raise()
+    };
+    let changed = changed_by(&[&steps, &njmax, &nconmax])?;
+    let mut config = changed_by(&[&steps, &njmax, &nconmax, &threads, &learner])?;
     config.robot_file = simulated.robot_file;
     Ok((run, Resumption { config: changed, robot }, config))
 }
@@ -101,7 +103,7 @@ fn create(
     arguments: &TrainArgs,
     config: &Config,
     factory: &TableFactory,
-    argv: &[OsString],
+    given: &[String],
     threads: usize,
 ) -> PyResult<LockedRun> {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
@@ -113,23 +115,21 @@ fn create(
     let meta = Meta {
         version: env!("CARGO_PKG_VERSION").into(),
         mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
-        simulator: factory.simulator(config.env.compute()),
+        simulator: factory.simulator(factory.training_physics()),
         reward: factory.reward_name(config),
         threads,
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
-        command: std::iter::once("dappo-batch".to_owned())
-            .chain(argv.iter().map(|text| text.to_string_lossy().into()))
-            .collect(),
+        command: given.to_vec(),
     };
     let robot = RobotCopy::of(py, config)?.to_keep(py)?;
-    RunFolder::create(&root, config, &meta, &robot).map_err(|error| from_learn(&error))
+    RunFolder::create(&root, config, &meta, &robot).or_raise()
 }
 
 fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {
     format!(
         "{} · {} · {} envs × {} steps · reward {} · {} env steps → {}",
         factory.robot().name,
-        if config.env.observe_damage { "DA-PPO" } else { "PPO-Unaware" },
+        config.learner(),
         config.env.num_envs,
         config.horizon,
         factory.reward_name(config),

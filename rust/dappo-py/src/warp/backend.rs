@@ -2,7 +2,7 @@
 
 use dappo_sim::backend::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class};
 use dappo_sim::terms::Task;
-use dappo_sim::{Device, SimError};
+use dappo_sim::{SimError, WarpDevice};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -20,7 +20,7 @@ pub struct WarpBackend {
 }
 
 /// What a step led to, copied from the device.
-struct Outcome {
+struct StepOutcome {
     obs: Vec<f32>,
     rewards: Vec<f32>,
     terminated: Vec<bool>,
@@ -29,14 +29,14 @@ struct Outcome {
 }
 
 impl WarpBackend {
-    /// A backend for `num_envs` robots of a `dappo_batch.class_table.ClassTable`.
+    /// A backend for `num_envs` robots of a `dappo_batch.model.ClassTable`.
     pub fn new(
         table: &Py<PyAny>,
         task: Task,
         reward: Option<&str>,
         num_envs: usize,
         num_classes: usize,
-        device: Device,
+        device: WarpDevice,
         room: Room,
     ) -> Result<Self, SimError> {
         let (stepper, row) = undisturbed(|py| {
@@ -130,7 +130,7 @@ impl Backend for WarpBackend {
         let found = undisturbed(|py| {
             let arguments = (rows(py, actions, envs)?, numbers(py, skip));
             let step = stepper.bind(py)?.call_method1("step", arguments)?;
-            Ok(Outcome {
+            Ok(StepOutcome {
                 obs: vector(&step.getattr("obs")?)?,
                 rewards: vector(&step.getattr("rewards")?)?,
                 terminated: vector(&step.getattr("terminated")?)?,

@@ -4,11 +4,12 @@ use dappo_learn::config::Config;
 use dappo_learn::engine::RolloutEngine;
 use dappo_learn::envs::Sizes;
 use dappo_learn::episodes::EpisodeTracker;
-use dappo_learn::{LearnError, Ppo, Result, Rollout};
+use dappo_learn::{LearnError, Result, Rollout};
+use dappo_nn::FrozenActorCritic;
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::{VectorEnvConfig, VectorEnvSnapshot};
-use dappo_sim::{Device, SimError};
+use dappo_sim::{SimError, WarpDevice};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -34,7 +35,7 @@ impl WarpEngine {
     /// Compiles and captures a step of the envs of a configuration, and begins their first episodes.
     pub fn new(
         table: &Py<PyAny>,
-        device: Device,
+        device: WarpDevice,
         room: Room,
         config: &Config,
         envs: &VectorEnvConfig,
@@ -69,24 +70,26 @@ impl WarpEngine {
     }
 
     /// Runs one horizon; fills the rollout and returns the forward velocities, `[T, N]`.
-    fn run(&mut self, ppo: &Ppo, rollout: &mut Rollout, first_step: u64) -> Result<Vec<f32>> {
-        let networks = ppo.actor_critic();
-        let actor = networks.policy.mean.parameters()?;
-        let critic = networks.value.parameters()?;
-        let log_std = networks.log_std()?;
-        let normalizer = ppo.normalizer();
+    fn run(
+        &mut self,
+        networks: &FrozenActorCritic,
+        rollout: &mut Rollout,
+        first_step: u64,
+    ) -> Result<Vec<f32>> {
+        let (policy, transform) = (&networks.policy, networks.policy.transform());
         let engine = &self.engine;
         let (velocities, diverged) = undisturbed(|py| {
             let engine = engine.bind(py)?;
-            let weights = (numbers(py, &actor), numbers(py, &critic), numbers(py, &log_std));
-            engine.call_method1("assign", weights)?;
-            let statistics = (
-                numbers(py, normalizer.mean()),
-                numbers(py, &normalizer.variance()),
-                normalizer.count(),
-                normalizer.code_scale(),
+            let weights = (
+                numbers(py, policy.net().parameters()),
+                numbers(py, networks.value().parameters()),
+                numbers(py, networks.log_std()),
             );
-            engine.call_method1("assign_normalizer", statistics)?;
+            engine.call_method1("assign", weights)?;
+            let statistics = transform
+                .standardizer()
+                .map(|standardizer| (numbers(py, standardizer.mean()), numbers(py, standardizer.scale())));
+            engine.call_method1("assign_transform", (statistics, transform.code_scale()))?;
             let buffers = engine.call_method1("collect", (first_step,))?;
             for (name, out) in [
                 ("obs", &mut rollout.obs),
@@ -125,10 +128,15 @@ impl WarpEngine {
 }
 
 impl RolloutEngine for WarpEngine {
-    fn collect(&mut self, ppo: &Ppo, episodes: &mut EpisodeTracker, first_step: u64) -> Result<Rollout> {
-        let normalizer = ppo.normalizer().clone();
-        let mut rollout = Rollout::new(self.horizon, self.num_envs, self.sizes.action_dim, normalizer);
-        let velocities = self.run(ppo, &mut rollout, first_step)?;
+    fn collect(
+        &mut self,
+        networks: &FrozenActorCritic,
+        episodes: &mut EpisodeTracker,
+        first_step: u64,
+    ) -> Result<Rollout> {
+        let transform = networks.policy.transform().clone();
+        let mut rollout = Rollout::new(self.horizon, self.num_envs, self.sizes.action_dim, transform);
+        let velocities = self.run(networks, &mut rollout, first_step)?;
         episodes.add_rollout(&rollout, &velocities)?;
         Ok(rollout)
     }

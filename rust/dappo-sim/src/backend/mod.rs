@@ -3,13 +3,13 @@
 //! A backend is dumb so that backends can be compared: it resets, changes damage classes and steps. Time
 //! limits, autoreset, class draws and damage codes belong to the [vector env](crate::vector_env).
 
-mod choice;
-mod device;
 pub mod lanes;
 pub mod mujoco;
+mod physics;
+mod settings;
 
-pub use choice::{BackendKind, Choice, Precision};
-pub use device::Device;
+pub use physics::{Physics, WarpDevice};
+pub use settings::{BackendKind, Device, Precision};
 
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};

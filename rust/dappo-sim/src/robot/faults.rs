@@ -46,7 +46,7 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     let termination = top.table("termination");
     let observation = top.table("observation");
     let reward = top.table("reward");
-    top.optional_table("pictures");
+    let pictures = top.optional_table("pictures");
     top.finish();
 
     let touches = limbs.map(|limbs| check_limbs(limbs, &mut found));
@@ -69,6 +69,11 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     }
     if let Some(reward) = reward {
         check_rewards(reward, &mut found);
+    }
+    if let Some(pictures) = pictures {
+        let mut entries = Entries::new(pictures, "[pictures]".into(), &mut found);
+        entries.optional_text("camera");
+        entries.finish();
     }
     found
 }

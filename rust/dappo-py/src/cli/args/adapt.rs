@@ -2,53 +2,55 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use dappo_learn::config::Assignment;
 
-use super::{ControllerArgs, RobotArgs, SimulationArgs, at_least, count};
+use super::{AtLeast, ControllerArgs, Count, RobotArgs, SimulationArgs};
+use crate::keywords::arguments;
 
-/// Arguments of `adapt`.
-#[derive(Debug, Args)]
-pub struct AdaptArgs {
-    /// Run folder of a damage-aware policy that has been evaluated
-    #[arg(value_name = "RUN")]
-    pub run: PathBuf,
-    /// The controller.
-    #[command(flatten)]
-    pub controller: ControllerArgs,
-    /// Run folder of a policy that was trained with --unaware, to compare with
-    #[arg(long, value_name = "RUN")]
-    pub unaware: Option<PathBuf>,
-    /// The damage that strikes: a name or an id that `dappo-batch classes` lists
-    #[arg(long, value_name = "SPEC", required_unless_present = "all_classes")]
-    pub damage: Option<String>,
-    /// Every damage class in turn, the healthy one included; tables go into RUN/eval/
-    #[arg(long, conflicts_with = "damage")]
-    pub all_classes: bool,
-    /// Step at which the damage strikes
-    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = count(1), default_value = "300")]
-    pub at: i64,
-    /// Episodes a damage class
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), default_value = "20")]
-    pub episodes: i64,
-    /// Seed of the initial states
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
-    pub seed: i64,
-    /// Settings of the robot that the controller knows nothing of, for example damage.severity=0.5
-    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
-    pub set: Vec<String>,
-    /// Write the first episode step by step, as CSV
-    #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
-    pub log: Option<PathBuf>,
-    /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
-    #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
-    pub video: Option<PathBuf>,
-    /// The robot.
-    #[command(flatten)]
-    pub robot: RobotArgs,
-    /// The simulation.
-    #[command(flatten)]
-    pub simulation: SimulationArgs,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+arguments! {
+    /// Arguments of `adapt`.
+    pub struct AdaptArgs {
+        /// Run folder of a damage-aware policy that has been evaluated
+        #[arg(value_name = "RUN")]
+        pub run: PathBuf,
+        /// The controller.
+        #[command(flatten)]
+        pub controller: ControllerArgs,
+        /// Run folder of a policy that was trained with --unaware, to compare with
+        #[arg(long, value_name = "RUN")]
+        pub unaware: Option<PathBuf>,
+        /// The damage that strikes: a name or an id that `dappo-batch classes` lists
+        #[arg(long, value_name = "SPEC", required_unless_present = "all_classes")]
+        pub damage: Option<String>,
+        /// Every damage class in turn, the healthy one included; tables go into RUN/eval/
+        #[arg(long, conflicts_with = "damage")]
+        pub all_classes: bool,
+        /// Step at which the damage strikes
+        #[arg(long, value_name = "STEP", allow_negative_numbers = true, default_value = "300")]
+        pub at: Count<1>,
+        /// Episodes a damage class
+        #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "20")]
+        pub episodes: Count<1>,
+        /// Seed of the initial states
+        #[arg(long, value_name = "S", allow_negative_numbers = true, default_value = "0")]
+        pub seed: AtLeast<0>,
+        /// Settings of the robot that the controller knows nothing of, for example damage.severity=0.5
+        #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+        pub set: Vec<Assignment>,
+        /// Write the first episode step by step, as CSV
+        #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
+        pub log: Option<PathBuf>,
+        /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
+        #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
+        pub video: Option<PathBuf>,
+        /// The robot.
+        #[command(flatten)]
+        pub robot: RobotArgs,
+        /// The simulation.
+        #[command(flatten)]
+        pub simulation: SimulationArgs,
+        /// Print JSON
+        #[arg(long)]
+        pub json: bool,
+    }
 }

@@ -2,37 +2,41 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
-use dappo_learn::controller::{ControllerConfig, Trigger};
+use dappo_diagnose::controller::ControllerConfig;
+use dappo_learn::config::Assignment;
 use pyo3::prelude::*;
 
+use super::{OneOf, Triggers};
 use crate::controller::{self, Parts};
+use crate::keywords::arguments;
 use crate::run_robot::OpenRun;
 
-/// The parts of a controller beside its policy, and its settings.
-#[derive(Debug, Args)]
-pub struct ControllerArgs {
-    /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
-    #[arg(long, value_name = "DIR")]
-    pub diagnoser: PathBuf,
-    /// How it is used.
-    #[command(flatten)]
-    pub settings: DiagnosisArgs,
+arguments! {
+    /// The parts of a controller beside its policy, and its settings.
+    pub struct ControllerArgs {
+        /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
+        #[arg(long, value_name = "DIR")]
+        pub diagnoser: PathBuf,
+        /// How it is used.
+        #[command(flatten)]
+        pub settings: DiagnosisArgs,
+    }
 }
 
-/// How a diagnoser is used.
-#[derive(Debug, Args)]
-pub struct DiagnosisArgs {
-    /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
-    /// [default: RUN, as if nothing were damaged]
-    #[arg(long, value_name = "RUN", requires = "diagnoser")]
-    pub expert: Option<PathBuf>,
-    /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
-    #[arg(long, value_parser = Trigger::NAMES, default_value = Trigger::NAMES[0], requires = "diagnoser")]
-    pub trigger: String,
-    /// Other settings of the controller, for example cooldown=100
-    #[arg(long = "controller", value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
-    pub settings: Vec<String>,
+arguments! {
+    /// How a diagnoser is used.
+    pub struct DiagnosisArgs {
+        /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
+        /// [default: RUN, as if nothing were damaged]
+        #[arg(long, value_name = "RUN", requires = "diagnoser")]
+        pub expert: Option<PathBuf>,
+        /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
+        #[arg(long, default_value = "residual", requires = "diagnoser")]
+        pub trigger: OneOf<Triggers>,
+        /// Other settings of the controller, for example cooldown=100
+        #[arg(long, value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
+        pub controller: Vec<Assignment>,
+    }
 }
 
 impl ControllerArgs {
@@ -55,6 +59,6 @@ impl DiagnosisArgs {
 
     /// The settings of the controller.
     pub fn config(&self) -> dappo_learn::Result<ControllerConfig> {
-        controller::settings(&self.trigger, &self.settings)
+        controller::settings(&self.trigger, &self.controller)
     }
 }

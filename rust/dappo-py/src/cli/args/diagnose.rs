@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use dappo_learn::diagnose::Preset;
+use dappo_diagnose::Span;
+use dappo_learn::config::Assignment;
 
-use super::{RobotArgs, SimulationArgs, at_least, count, threads, within};
-
-const METHODS: [&str; 4] = ["A", "B", "C", "D"];
+use super::{
+    AtLeast, Count, Heads, Methods, OneOf, Presets, RobotArgs, SimulationArgs, Threads, TwinActions, Whole,
+};
+use crate::keywords::arguments;
 
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
@@ -31,132 +33,126 @@ pub enum DiagnoseCommand {
     Sweep(SweepArgs),
 }
 
-/// Arguments of `diagnose collect`.
-#[derive(Debug, Args)]
-pub struct CollectArgs {
-    /// Run folder of the expert, a policy trained with `train --healthy`; its robot and damage settings are used
-    #[arg(value_name = "RUN")]
-    pub expert: PathBuf,
-    /// Folder of the dataset; one that holds rollouts of the same kind is continued
-    #[arg(long, value_name = "DATA")]
-    pub out: PathBuf,
-    /// Rollouts, each with all damage classes from one start
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), default_value = "1000")]
-    pub rollouts: i64,
-    /// Steps that are recorded
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = count(1), default_value = "50")]
-    pub timesteps: i64,
-    /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
-    /// twin that is put beside the robot before every step (residual)
-    #[arg(long, value_parser = Preset::NAMES, default_value = Preset::NAMES[0])]
-    pub preset: String,
-    /// Steps of healthy walk before the damage, instead of the preset's
-    #[arg(long, value_name = "FIRST-LAST", value_parser = span)]
-    pub onset: Option<(u32, u32)>,
-    /// Steps between the damage and the recording, instead of the preset's
-    #[arg(long, value_name = "FIRST-LAST", value_parser = span)]
-    pub delay: Option<(u32, u32)>,
-    /// Run folder of the policy that walks before the recording [default: the expert]
-    #[arg(long, value_name = "RUN")]
-    pub walker: Option<PathBuf>,
-    /// Whose actions the twin takes, its own or the damaged robot's, instead of the preset's
-    #[arg(long, value_parser = ["own", "shared"])]
-    pub twin_action: Option<String>,
-    /// Steps after which the twin is put beside the robot again, 0 for never, instead of the preset's
-    #[arg(long, value_name = "STEPS", allow_negative_numbers = true)]
-    pub resync: Option<u32>,
-    /// Seed of the rollouts
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
-    pub seed: i64,
-    /// Collect only piece i of n, for example 0/4; all pieces may go into one folder
-    #[arg(long, value_name = "I/N", default_value = "0/1")]
-    pub shard: String,
-    /// The robot.
-    #[command(flatten)]
-    pub robot: RobotArgs,
-    /// The simulation.
-    #[command(flatten)]
-    pub simulation: SimulationArgs,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Reads `20-150`, or one number.
-fn span(text: &str) -> Result<(u32, u32), String> {
-    let (first, last) = text.split_once('-').unwrap_or((text, text));
-    match (first.parse(), last.parse()) {
-        (Ok(first), Ok(last)) => Ok((first, last)),
-        _ => Err("expected a number of steps, or a range such as 20-150".to_owned()),
+arguments! {
+    /// Arguments of `diagnose collect`.
+    pub struct CollectArgs {
+        /// Run folder of the expert, a policy trained with `train --healthy`; its robot and damage settings are used
+        #[arg(value_name = "RUN")]
+        pub expert: PathBuf,
+        /// Folder of the dataset; one that holds rollouts of the same kind is continued
+        #[arg(long, value_name = "DATA")]
+        pub out: PathBuf,
+        /// Rollouts, each with all damage classes from one start
+        #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1000")]
+        pub rollouts: Count<1>,
+        /// Steps that are recorded
+        #[arg(long, value_name = "T", allow_negative_numbers = true, default_value = "50")]
+        pub timesteps: Count<1>,
+        /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
+        /// twin that is put beside the robot before every step (residual)
+        #[arg(long, default_value = "paper")]
+        pub preset: OneOf<Presets>,
+        /// Steps of healthy walk before the damage, instead of the preset's
+        #[arg(long, value_name = "FIRST-LAST")]
+        pub onset: Option<Span>,
+        /// Steps between the damage and the recording, instead of the preset's
+        #[arg(long, value_name = "FIRST-LAST")]
+        pub delay: Option<Span>,
+        /// Run folder of the policy that walks before the recording [default: the expert]
+        #[arg(long, value_name = "RUN")]
+        pub walker: Option<PathBuf>,
+        /// Whose actions the twin takes, its own or the damaged robot's, instead of the preset's
+        #[arg(long)]
+        pub twin_action: Option<OneOf<TwinActions>>,
+        /// Steps after which the twin is put beside the robot again, 0 for never, instead of the preset's
+        #[arg(long, value_name = "STEPS", allow_negative_numbers = true)]
+        pub resync: Option<Whole<0, { u32::MAX as i64 }>>,
+        /// Seed of the rollouts
+        #[arg(long, value_name = "S", allow_negative_numbers = true, default_value = "0")]
+        pub seed: AtLeast<0>,
+        /// Collect only piece i of n, for example 0/4; all pieces may go into one folder
+        #[arg(long, value_name = "I/N", default_value = "0/1")]
+        pub shard: String,
+        /// The robot.
+        #[command(flatten)]
+        pub robot: RobotArgs,
+        /// The simulation.
+        #[command(flatten)]
+        pub simulation: SimulationArgs,
+        /// Print JSON
+        #[arg(long)]
+        pub json: bool,
     }
 }
 
-/// Arguments of `diagnose train`.
-#[derive(Debug, Args)]
-pub struct TrainDiagnoserArgs {
-    /// Folder of a dataset that `diagnose collect` wrote
-    #[arg(value_name = "DATA")]
-    pub data: PathBuf,
-    /// Folder of the training; the trained diagnoser will be in its folder model/
-    #[arg(long, value_name = "DIR", required_unless_present = "resume")]
-    pub out: Option<PathBuf>,
-    /// Go on with an earlier training on the same data
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "method", "timesteps", "rollouts", "seed", "head", "held_out", "set"])]
-    pub resume: Option<PathBuf>,
-    /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
-    /// [default: B]
-    #[arg(long, value_parser = METHODS)]
-    pub method: Option<String>,
-    /// Steps that it sees [default: all of the data]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = count(1))]
-    pub timesteps: Option<i64>,
-    /// Rollouts that are used, a fifth of them to validate on [default: all]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(2))]
-    pub rollouts: Option<i64>,
-    /// Seed of split, weights and order
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
-    pub seed: Option<i64>,
-    /// One output a damage class (classes), or one a limb and damage type (limbs)
-    #[arg(long, value_parser = ["classes", "limbs"])]
-    pub head: Option<String>,
-    /// Damage classes that are never trained on, comma separated names or ids
-    #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
-    pub held_out: Vec<String>,
-    /// Any other setting, for example epochs=20 (see `config.toml` in the folder)
-    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
-    pub set: Vec<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
-    pub threads: Option<i64>,
-    /// Print one JSON object an epoch instead of a progress bar
-    #[arg(long)]
-    pub json: bool,
+arguments! {
+    /// Arguments of `diagnose train`.
+    pub struct TrainDiagnoserArgs {
+        /// Folder of a dataset that `diagnose collect` wrote
+        #[arg(value_name = "DATA")]
+        pub data: PathBuf,
+        /// Folder of the training; the trained diagnoser will be in its folder model/
+        #[arg(long, value_name = "DIR", required_unless_present = "resume")]
+        pub out: Option<PathBuf>,
+        /// Go on with an earlier training on the same data
+        #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "method", "timesteps", "rollouts", "seed", "head", "held_out", "set"])]
+        pub resume: Option<PathBuf>,
+        /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
+        /// [default: B]
+        #[arg(long)]
+        pub method: Option<OneOf<Methods>>,
+        /// Steps that it sees [default: all of the data]
+        #[arg(long, value_name = "T", allow_negative_numbers = true)]
+        pub timesteps: Option<Count<1>>,
+        /// Rollouts that are used, a fifth of them to validate on [default: all]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub rollouts: Option<Count<2>>,
+        /// Seed of split, weights and order
+        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        pub seed: Option<AtLeast<0>>,
+        /// One output a damage class (classes), or one a limb and damage type (limbs)
+        #[arg(long)]
+        pub head: Option<OneOf<Heads>>,
+        /// Damage classes that are never trained on, comma separated names or ids
+        #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
+        pub held_out: Vec<String>,
+        /// Any other setting, for example epochs=20 (see `config.toml` in the folder)
+        #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+        pub set: Vec<Assignment>,
+        /// Worker threads [default: all cores]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub threads: Option<Threads>,
+        /// Print one JSON object an epoch instead of a progress bar
+        #[arg(long)]
+        pub json: bool,
+    }
 }
 
-/// Arguments of `diagnose test`.
-#[derive(Debug, Args)]
-pub struct TestDiagnoserArgs {
-    /// Folders of trainings; several make a table
-    #[arg(value_name = "DIR", required = true)]
-    pub models: Vec<PathBuf>,
-    /// Datasets to test on, of another seed than the training data; several make a table
-    #[arg(long, value_name = "DATA", required = true, num_args = 1..)]
-    pub data: Vec<PathBuf>,
-    /// Run folder of a damage-aware policy: also measure what the mistakes cost it
-    #[arg(long, value_name = "RUN")]
-    pub policy: Option<PathBuf>,
-    /// Episodes a pair of true and named class, for --policy [default: the run's]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), requires = "policy")]
-    pub episodes: Option<i64>,
-    /// The robot, for --policy.
-    #[command(flatten)]
-    pub robot: RobotArgs,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
-    pub threads: Option<i64>,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+arguments! {
+    /// Arguments of `diagnose test`.
+    pub struct TestDiagnoserArgs {
+        /// Folders of trainings; several make a table
+        #[arg(value_name = "DIR", required = true)]
+        pub models: Vec<PathBuf>,
+        /// Datasets to test on, of another seed than the training data; several make a table
+        #[arg(long, value_name = "DATA", required = true, num_args = 1..)]
+        pub data: Vec<PathBuf>,
+        /// Run folder of a damage-aware policy: also measure what the mistakes cost it
+        #[arg(long, value_name = "RUN")]
+        pub policy: Option<PathBuf>,
+        /// Episodes a pair of true and named class, for --policy [default: the run's]
+        #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "policy")]
+        pub episodes: Option<Count<1>>,
+        /// The robot, for --policy.
+        #[command(flatten)]
+        pub robot: RobotArgs,
+        /// Worker threads [default: all cores]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub threads: Option<Threads>,
+        /// Print JSON
+        #[arg(long)]
+        pub json: bool,
+    }
 }
 
 /// Arguments of `diagnose sweep`.
@@ -172,34 +168,34 @@ pub struct SweepArgs {
     #[arg(long, value_name = "RUN", conflicts_with = "robot")]
     pub expert: Option<PathBuf>,
     /// Env steps of the expert's training
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "6291456")]
-    pub expert_steps: i64,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "6291456")]
+    pub expert_steps: AtLeast<1>,
     /// Window lengths
-    #[arg(long, value_delimiter = ',', value_parser = count(1), default_value = "10,30,50")]
-    pub timesteps: Vec<i64>,
+    #[arg(long, value_delimiter = ',', default_value = "10,30,50")]
+    pub timesteps: Vec<Count<1>>,
     /// What the networks see
-    #[arg(long, value_delimiter = ',', value_parser = METHODS, default_value = "A,B")]
-    pub methods: Vec<String>,
+    #[arg(long, value_delimiter = ',', default_value = "A,B")]
+    pub methods: Vec<OneOf<Methods>>,
     /// Numbers of rollouts
-    #[arg(long, value_delimiter = ',', value_parser = count(2), default_value = "1000,2000,7000")]
-    pub rollouts: Vec<i64>,
+    #[arg(long, value_delimiter = ',', default_value = "1000,2000,7000")]
+    pub rollouts: Vec<Count<2>>,
     /// Rollouts, of another seed, that all cells are tested on
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(2), default_value = "500")]
-    pub test_rollouts: i64,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "500")]
+    pub test_rollouts: Count<2>,
     /// Seeds of every cell
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = within(1, 10_000), default_value = "5")]
-    pub seeds: i64,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "5")]
+    pub seeds: Whole<1, 10_000>,
     /// Samples that a cell is trained on, about, counting each time it is seen
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1), default_value = "600000")]
-    pub samples: i64,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "600000")]
+    pub samples: AtLeast<1>,
     /// Any other setting of the trainings, for example dropout=0.2
     #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
-    pub set: Vec<String>,
+    pub set: Vec<Assignment>,
     /// The robot of an expert that exists.
     #[command(flatten)]
     pub changed: RobotArgs,
     /// Cells trained side by side, each on one thread, and worker threads of what comes before them
     /// [default: the number of cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
-    pub jobs: Option<i64>,
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub jobs: Option<Threads>,
 }

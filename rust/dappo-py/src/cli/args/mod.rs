@@ -4,15 +4,15 @@ mod adapt;
 mod controller;
 mod diagnose;
 mod export;
+mod kinds;
 mod render;
+mod tools;
 
-use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use dappo_learn::LearnerDevice;
-use dappo_learn::config::MOST_THREADS;
-use dappo_learn::evaluate::Encoding;
+use dappo_learn::config::{Assignment, EnvSection};
+use dappo_learn::walk::Encoding;
 
 pub use adapt::AdaptArgs;
 pub use controller::ControllerArgs;
@@ -20,8 +20,14 @@ pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
 pub use export::ExportArgs;
+pub use kinds::{
+    AtLeast, Backends, Count, Devices, Encodings, Heads, Integrators, Learners, Methods, Names, OneOf,
+    Precisions, Presets, Threads, Triggers, TwinActions, Whole,
+};
 pub use render::{RenderArgs, ViewArgs, WalkArgs};
+pub use tools::{BenchArgs, DoctorArgs, GridArgs, ReportArgs};
 
+use crate::keywords::arguments;
 use crate::run_robot::RobotChanged;
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
@@ -51,179 +57,179 @@ pub enum Command {
     /// Show a walk in a window or a browser, again and again
     View(ViewArgs),
     /// Draw runs, sweeps, diagnosers and traces into one HTML page
-    #[command(disable_help_flag = true)]
-    Report(ForwardedArgs),
+    Report(ReportArgs),
     /// Train every combination of a grid, and go on where it was stopped
-    #[command(disable_help_flag = true)]
-    Sweep(ForwardedArgs),
+    Sweep(GridArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run
     Config(ConfigArgs),
     /// Compare env steps per second with other simulators in one interleaved run
-    #[command(disable_help_flag = true)]
-    Bench(ForwardedArgs),
+    Bench(BenchArgs),
     /// Say what is installed, what works and what to install
-    #[command(disable_help_flag = true)]
-    Doctor(ForwardedArgs),
+    Doctor(DoctorArgs),
 }
 
-/// Reads a number with a lower bound; TOML, which the configuration is written in, ends at 2⁶³ − 1.
-fn at_least(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
-    within(minimum, i64::MAX)
-}
-
-/// Reads a number between two bounds.
-fn within(minimum: i64, maximum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
-    move |text| {
-        let number = text.parse().ok().filter(|number| (minimum..=maximum).contains(number));
-        number.ok_or_else(|| format!("expected a whole number of at least {minimum} and at most {maximum}"))
+arguments! {
+    /// Where a configuration comes from; later sources win.
+    pub struct ConfigArgs {
+        /// Built-in robot or path of a robot file [default: the one of `dappo-batch config`]
+        #[arg(long, value_name = "NAME|FILE")]
+        pub robot: Option<String>,
+        /// Configuration file instead of the robot's own in configs/
+        #[arg(long, value_name = "FILE")]
+        pub config: Option<PathBuf>,
+        /// Number of envs simulated at once
+        #[arg(long = "envs", alias = "num-envs", value_name = "N", allow_negative_numbers = true)]
+        pub num_envs: Option<Count<1>>,
+        /// Env steps of the whole run
+        #[arg(long = "steps", alias = "total-steps", value_name = "N", allow_negative_numbers = true)]
+        pub total_steps: Option<AtLeast<1>>,
+        /// Seed of all random streams
+        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        pub seed: Option<AtLeast<0>>,
+        /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
+        #[arg(long)]
+        pub device: Option<OneOf<Devices>>,
+        /// Physics backend on the CPU
+        #[arg(long)]
+        pub backend: Option<OneOf<Backends>>,
+        /// Precision of the backend lanes
+        #[arg(long)]
+        pub precision: Option<OneOf<Precisions>>,
+        /// Room for contacts and constraints on a GPU.
+        #[command(flatten)]
+        pub room: RoomArgs,
+        /// Where to compute the networks; wgpu needs a build with that feature
+        #[arg(long)]
+        pub learner: Option<OneOf<Learners>>,
+        /// Worker threads [default: all cores]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub threads: Option<Threads>,
+        /// Hide the damage code from the policy (PPO-Unaware)
+        #[arg(long)]
+        pub unaware: bool,
+        /// Train on the healthy robot alone (the expert)
+        #[arg(long)]
+        pub healthy: bool,
+        /// Reward function of the robot, for example paper or gym
+        #[arg(long, value_name = "NAME")]
+        pub reward: Option<String>,
+        /// Integrator, if not the robot's own; euler is faster and another physics
+        #[arg(long)]
+        pub physics: Option<OneOf<Integrators>>,
+        /// Any other setting, for example ppo.gamma=0.99 (see `dappo-batch config`)
+        #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+        pub set: Vec<Assignment>,
     }
 }
 
-/// Reads a number of threads or processes.
-fn threads() -> impl Fn(&str) -> Result<i64, String> + Clone {
-    within(1, MOST_THREADS as i64)
+arguments! {
+    /// Arguments of `train`.
+    pub struct TrainArgs {
+        /// The configuration.
+        #[command(flatten)]
+        pub config: ConfigArgs,
+        /// Run folder [default: runs/ROBOT-SEED-TIME]
+        #[arg(long, value_name = "DIR")]
+        pub run: Option<PathBuf>,
+        /// Go on with an earlier run; --steps may extend it, --set change settings that its checkpoints do not depend on
+        #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics"])]
+        pub resume: Option<PathBuf>,
+        /// Where the robot file has changed since the run began [default: stop, and say what differs]
+        #[arg(long, value_name = "WHICH", requires = "resume")]
+        pub robot_changed: Option<RobotChanged>,
+        /// Print one JSON object an iteration instead of a progress bar
+        #[arg(long)]
+        pub json: bool,
+    }
 }
 
-/// Reads a number of things that are counted with 31 bits.
-fn count(minimum: i64) -> impl Fn(&str) -> Result<i64, String> + Clone {
-    within(minimum, i64::from(i32::MAX))
+arguments! {
+    /// Which robot an earlier run means.
+    pub struct RobotArgs {
+        /// Where the robot file has changed since the training [default: stop, and say what differs]
+        #[arg(long, value_name = "WHICH")]
+        pub robot_changed: Option<RobotChanged>,
+    }
 }
 
-const DEVICES: [&str; 4] = ["auto", "cpu", "cuda", "warp-cpu"];
-const BACKENDS: [&str; 3] = ["auto", "lanes", "mujoco"];
-const PRECISIONS: [&str; 2] = ["f32", "f64"];
-
-/// Where a configuration comes from; later sources win.
-#[derive(Debug, Args)]
-pub struct ConfigArgs {
-    /// Built-in robot or path of a robot file [default: the one of `dappo-batch config`]
-    #[arg(long, value_name = "NAME|FILE")]
-    pub robot: Option<String>,
-    /// Configuration file instead of the robot's own in configs/
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Number of envs simulated at once
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1))]
-    pub envs: Option<i64>,
-    /// Env steps of the whole run
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = at_least(1))]
-    pub steps: Option<i64>,
-    /// Seed of all random streams
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0))]
-    pub seed: Option<i64>,
-    /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
-    #[arg(long, value_parser = DEVICES)]
-    pub device: Option<String>,
-    /// Physics backend on the CPU
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Where to compute the networks; wgpu needs a build with that feature
-    #[arg(long, value_parser = LearnerDevice::ALL.map(LearnerDevice::name))]
-    pub learner: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
-    pub threads: Option<i64>,
-    /// Hide the damage code from the policy (PPO-Unaware)
-    #[arg(long)]
-    pub unaware: bool,
-    /// Train on the healthy robot alone (the expert)
-    #[arg(long)]
-    pub healthy: bool,
-    /// Reward function of the robot, for example paper or gym
-    #[arg(long, value_name = "NAME")]
-    pub reward: Option<String>,
-    /// Integrator, if not the robot's own; euler is faster and another physics
-    #[arg(long, value_parser = ["rk4", "euler"])]
-    pub physics: Option<String>,
-    /// Any other setting, for example ppo.gamma=0.99 (see `dappo-batch config`)
-    #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
-    pub set: Vec<String>,
-}
-
-/// Arguments of `train`.
-#[derive(Debug, Args)]
-pub struct TrainArgs {
-    /// The configuration.
-    #[command(flatten)]
-    pub config: ConfigArgs,
-    /// Run folder [default: runs/ROBOT-SEED-TIME]
-    #[arg(long, value_name = "DIR")]
-    pub run: Option<PathBuf>,
-    /// Go on with an earlier run; --steps may extend it, --set change settings that its checkpoints do not depend on
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics"])]
-    pub resume: Option<PathBuf>,
-    /// Where the robot file has changed since the run began [default: stop, and say what differs]
-    #[arg(long, value_name = "WHICH", requires = "resume")]
-    pub robot_changed: Option<RobotChanged>,
-    /// Print one JSON object an iteration instead of a progress bar
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Which robot an earlier run means.
-#[derive(Debug, Args)]
-pub struct RobotArgs {
-    /// Where the robot file has changed since the training [default: stop, and say what differs]
-    #[arg(long, value_name = "WHICH")]
-    pub robot_changed: Option<RobotChanged>,
-}
-
-/// How to simulate the robot of an earlier run.
-#[derive(Debug, Args)]
-pub struct SimulationArgs {
-    /// Where to simulate [default: the run's for evaluations, cpu]
-    #[arg(long, value_parser = DEVICES)]
-    pub device: Option<String>,
-    /// Physics backend on the CPU [default: the run's]
-    #[arg(long, value_parser = BACKENDS)]
-    pub backend: Option<String>,
-    /// Precision of the backend lanes [default: the run's for evaluations, f64]
-    #[arg(long, value_parser = PRECISIONS)]
-    pub precision: Option<String>,
-    /// Worker threads [default: all cores]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = threads())]
-    pub threads: Option<i64>,
+arguments! {
+    /// How to simulate the robot of an earlier run.
+    pub struct SimulationArgs {
+        /// Where to simulate [default: the run's for evaluations, cpu]
+        #[arg(long)]
+        pub device: Option<OneOf<Devices>>,
+        /// Physics backend on the CPU [default: the run's]
+        #[arg(long)]
+        pub backend: Option<OneOf<Backends>>,
+        /// Precision of the backend lanes [default: the run's for evaluations, f64]
+        #[arg(long)]
+        pub precision: Option<OneOf<Precisions>>,
+        /// Room for contacts and constraints on a GPU.
+        #[command(flatten)]
+        pub room: RoomArgs,
+        /// Worker threads [default: all cores]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub threads: Option<Threads>,
+    }
 }
 
 impl SimulationArgs {
     /// Worker threads; all cores for `None`.
     pub fn threads(&self) -> Option<usize> {
-        self.threads.map(|threads| threads as usize)
+        self.threads.map(Threads::count)
     }
 }
 
-/// Arguments of `evaluate`.
-#[derive(Debug, Args)]
-pub struct EvaluateArgs {
-    /// Run folder; several are seeds of one learner
-    #[arg(value_name = "RUN", required = true)]
-    pub runs: Vec<PathBuf>,
-    /// Other runs, of another learner or setting, to compare with; their policies are told the truth
-    #[arg(long, value_name = "OTHER", num_args = 1..)]
-    pub compare: Vec<PathBuf>,
-    /// What the policies of RUN are told: the truth, that nothing is damaged, another damage, or noise
-    #[arg(long, value_parser = Encoding::ALL.map(Encoding::name), default_value = Encoding::True.name())]
-    pub encoding: String,
-    /// Episodes a damage class [default: the run's]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1))]
-    pub episodes: Option<i64>,
-    /// Seed of the initial states [default: the run's]
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    pub seed: Option<u64>,
-    /// The robot.
-    #[command(flatten)]
-    pub robot: RobotArgs,
-    /// The simulation.
-    #[command(flatten)]
-    pub simulation: SimulationArgs,
-    /// Print JSON
-    #[arg(long)]
-    pub json: bool,
+arguments! {
+    /// Room for contacts and constraints on a GPU, for robots that need more than is guessed.
+    pub struct RoomArgs {
+        /// Room for the constraints of an env on a GPU [default: what a limbed robot can need at most]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub njmax: Option<Count<1>>,
+        /// Room for contacts there, an env on average [default: likewise]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub nconmax: Option<Count<1>>,
+    }
+}
+
+impl RoomArgs {
+    /// Lays the flags over the settings of an earlier run.
+    pub fn lay_over(&self, env: &mut EnvSection) {
+        env.njmax = self.njmax.map(Count::count).or(env.njmax);
+        env.nconmax = self.nconmax.map(Count::count).or(env.nconmax);
+    }
+}
+
+arguments! {
+    /// Arguments of `evaluate`.
+    pub struct EvaluateArgs {
+        /// Run folder; several are seeds of one learner
+        #[arg(value_name = "RUN", required = true)]
+        pub runs: Vec<PathBuf>,
+        /// Other runs, of another learner or setting, to compare with; their policies are told the truth
+        #[arg(long, value_name = "OTHER", num_args = 1..)]
+        pub compare: Vec<PathBuf>,
+        /// What the policies of RUN are told: the truth, that nothing is damaged, another damage, or noise
+        #[arg(long, default_value = Encoding::True.name())]
+        pub encoding: OneOf<Encodings>,
+        /// Episodes a damage class [default: the run's]
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub episodes: Option<Count<1>>,
+        /// Seed of the initial states [default: the run's]
+        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        pub seed: Option<AtLeast<0>>,
+        /// The robot.
+        #[command(flatten)]
+        pub robot: RobotArgs,
+        /// The simulation.
+        #[command(flatten)]
+        pub simulation: SimulationArgs,
+        /// Print JSON
+        #[arg(long)]
+        pub json: bool,
+    }
 }
 
 /// Arguments of `classes`.
@@ -241,12 +247,4 @@ pub struct ClassesArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-}
-
-/// Arguments that a Python module reads.
-#[derive(Debug, Args)]
-pub struct ForwardedArgs {
-    /// Everything after the command's name
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    pub arguments: Vec<OsString>,
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{RobotArgs, SimulationArgs, at_least, count};
+use super::{AtLeast, Count, RobotArgs, SimulationArgs};
 
 /// Arguments of `render`.
 #[derive(Debug, Args)]
@@ -27,14 +27,14 @@ pub struct WalkArgs {
     #[arg(long, value_name = "SPEC", default_value = "healthy")]
     pub damage: String,
     /// Step at which the damage strikes; 0 is from the start on
-    #[arg(long, value_name = "STEP", allow_negative_numbers = true, value_parser = count(0), default_value = "0")]
-    pub at: i64,
+    #[arg(long, value_name = "STEP", allow_negative_numbers = true, default_value = "0")]
+    pub at: Count<0>,
     /// Steps to show, if the robot does not fall before
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = count(1), default_value = "400")]
-    pub steps: i64,
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "400")]
+    pub steps: Count<1>,
     /// Seed of the initial state
-    #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = at_least(0), default_value = "0")]
-    pub seed: i64,
+    #[arg(long, value_name = "S", allow_negative_numbers = true, default_value = "0")]
+    pub seed: AtLeast<0>,
     /// Folder of a diagnoser that `diagnose train` made: nobody tells the policy, a controller finds out
     #[arg(long, value_name = "DIR")]
     pub diagnoser: Option<PathBuf>,

@@ -5,22 +5,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use dappo_diagnose::collect::{CollectConfig, CollectObserver, RunPolicy, check_twins, collect};
+use dappo_diagnose::dataset::{DatasetHeader, PolicyId, Shard};
+use dappo_diagnose::{Preset, TwinAction};
 use dappo_learn::config::Config;
-use dappo_learn::diagnose::collect::{CollectConfig, CollectObserver, Pilot, check_twins, collect};
-use dappo_learn::diagnose::dataset::{Header, PolicyId, Shard};
-use dappo_learn::diagnose::{Expert, Preset, Span, TwinAction};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
 use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{Actor, LearnError, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use dappo_learn::{LearnError, Result};
+use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::CollectArgs;
+use crate::cli::console::{note, print_line};
 use crate::cli::policy::{self, LoadedPolicy};
-use crate::cli::{Caller, INTERRUPTED, console, settings};
-use crate::errors::from_learn;
+use crate::cli::progress::bar;
+use crate::cli::{Caller, INTERRUPTED, settings};
+use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
@@ -30,19 +32,19 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let walker = arguments.walker.as_deref();
     let walker = walker.map(|walker| run.open_beside(py, walker, false)).transpose()?;
     let OpenRun { folder, mut config, robot, .. } = run;
-    settings::simulate_with(&arguments.simulation, &mut config).map_err(|error| from_learn(&error))?;
-    let wanted = collect_config(arguments, &config).map_err(|error| from_learn(&error))?;
+    settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
+    let wanted = collect_config(arguments, &config).or_raise()?;
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
     let (expert, walker) = pool.run(py, || -> Result<_> {
-        let expert = pilot(&folder, &config, &factory)?;
-        let walker = walker.map(|run| pilot(&run.folder, &run.config, &factory)).transpose()?;
+        let expert = run_policy(&folder, &config, &factory)?;
+        let walker = walker.map(|run| run_policy(&run.folder, &run.config, &factory)).transpose()?;
         check_twins(&wanted, &factory)?;
         Ok((expert, walker))
     })?;
     keep_robot(py, &arguments.out, (folder.root(), &robot))?;
     if !arguments.json {
-        console::note(&describe(arguments, &wanted, &factory));
+        note!("{}", describe(arguments, &wanted, &factory));
     }
     let mut display = Display::new(arguments, &wanted, &factory, caller.watch()?);
     let start = Instant::now();
@@ -59,17 +61,15 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
         }));
     } else {
         if collected.diverged > 0 {
-            console::note(&format!(
+            note!(
                 "divergences of the physics: {}; each robot went on from its reference pose",
                 collected.diverged
-            ));
+            );
         }
         if collected.interrupted {
-            console::note(&format!(
-                "interrupted after {rollouts} rollouts; the same command goes on with them"
-            ));
+            note!("interrupted after {rollouts} rollouts; the same command goes on with them");
         } else {
-            console::print_line(&format!("dataset: {out} with {rollouts} rollouts, {seconds:.1} s"));
+            print_line!("dataset: {out} with {rollouts} rollouts, {seconds:.1} s");
         }
     }
     Ok(if collected.interrupted { INTERRUPTED } else { 0 })
@@ -77,30 +77,28 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
 
 fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
     let mut preset = Preset::named(&arguments.preset)?;
-    let span = |(first, last)| Span { first, last };
-    preset.timing.onset = arguments.onset.map_or(preset.timing.onset, span);
-    preset.timing.delay = arguments.delay.map_or(preset.timing.delay, span);
+    preset.timing.onset = arguments.onset.unwrap_or(preset.timing.onset);
+    preset.timing.delay = arguments.delay.unwrap_or(preset.timing.delay);
     preset.timing.check()?;
     if let Some(action) = &arguments.twin_action {
-        preset.twin.action = if action == "shared" { TwinAction::Shared } else { TwinAction::Own };
+        preset.twin.action = if &**action == "shared" { TwinAction::Shared } else { TwinAction::Own };
     }
-    preset.twin.resync = arguments.resync.unwrap_or(preset.twin.resync);
+    preset.twin.resync = arguments.resync.map_or(preset.twin.resync, |steps| steps.get() as u32);
     Ok(CollectConfig {
-        rollouts: arguments.rollouts as usize,
-        timesteps: arguments.timesteps as usize,
-        seed: arguments.seed as u64,
+        rollouts: arguments.rollouts.count(),
+        timesteps: arguments.timesteps.count(),
+        seed: arguments.seed.wide(),
         preset,
         shard: Shard::parse(&arguments.shard)?,
         severity: config.damage.severity,
-        compute: config.evaluation.compute(),
     })
 }
 
 /// Keeps a copy of the robot in a new dataset; fails if the records of an earlier one are of another robot.
 fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> PyResult<()> {
     // The records of earlier versions are of a robot that nobody knows.
-    if !Header::exists(out) {
-        keep_first(out, &robot.to_keep(py)?).map_err(|error| from_learn(&error))?;
+    if !DatasetHeader::exists(out) {
+        keep_first(out, &robot.to_keep(py)?).or_raise()?;
     }
     match RobotCopy::read(py, out)? {
         Some(kept) => robot.check_same(py, run, (out, &kept), true),
@@ -108,10 +106,10 @@ fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> 
     }
 }
 
-fn pilot(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<Pilot> {
-    let LoadedPolicy { ppo, env_steps, fingerprint } = policy::load(folder, config, factory)?;
+fn run_policy(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<RunPolicy> {
+    let LoadedPolicy { policy, env_steps, fingerprint } = policy::load_trained(folder, config, factory)?;
     let run = folder.root().display().to_string();
-    Ok(Pilot { policy: Expert::new(Actor::of(&ppo)?), id: PolicyId { run, fingerprint, env_steps } })
+    Ok(RunPolicy { policy, id: PolicyId { run, fingerprint, env_steps } })
 }
 
 fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFactory) -> String {
@@ -122,7 +120,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
         factory.space().classes().len(),
         wanted.timesteps,
         wanted.preset.name(),
-        factory.describe(wanted.compute),
+        factory.describe(factory.evaluation_physics()),
         arguments.out.display()
     )
 }
@@ -144,10 +142,7 @@ impl Display {
         factory: &TableFactory,
         interrupted: Arc<AtomicBool>,
     ) -> Self {
-        let bar = if arguments.json { ProgressBar::hidden() } else { ProgressBar::new(0) };
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
-            bar.set_style(style);
-        }
+        let bar = bar(0, !arguments.json);
         let steps = factory.space().classes().len() * wanted.timesteps;
         Self { bar, out: arguments.out.clone(), interrupted, steps, begun: None }
     }

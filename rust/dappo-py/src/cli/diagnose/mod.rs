@@ -5,8 +5,8 @@ mod sweep;
 mod test;
 mod train;
 
-use dappo_learn::config::Layers;
-use dappo_learn::diagnose::DiagnoserConfig;
+use dappo_diagnose::DiagnoserConfig;
+use dappo_learn::config::{Assignment, Layers};
 use pyo3::prelude::*;
 
 use super::Caller;
@@ -22,10 +22,8 @@ pub fn run(py: Python<'_>, arguments: &DiagnoseArgs, caller: &Caller) -> PyResul
 }
 
 /// The settings of a training: defaults, then flags, then `--set`.
-fn settings(mut layers: Layers, set: &[String]) -> dappo_learn::Result<DiagnoserConfig> {
-    for assignment in set {
-        layers.set_assignment(assignment)?;
-    }
+fn settings(mut layers: Layers, set: &[Assignment]) -> dappo_learn::Result<DiagnoserConfig> {
+    layers.assign(set)?;
     let config: DiagnoserConfig = layers.typed()?;
     config.check()?;
     Ok(config)

@@ -6,33 +6,34 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum;
+use dappo_diagnose::Method;
+use dappo_diagnose::dataset::Dataset;
+use dappo_diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
 use dappo_learn::Result;
 use dappo_learn::config::Layers;
-use dappo_learn::diagnose::Method;
-use dappo_learn::diagnose::dataset::Dataset;
-use dappo_learn::diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
 use dappo_learn::run_folder::RunFolder;
 use dappo_sim::threads::available;
 use pyo3::prelude::*;
 
 use super::settings;
-use crate::cli::args::{Command, DiagnoseCommand, SweepArgs};
-use crate::cli::{self, Caller, INTERRUPTED, console, train};
-use crate::errors::{Kind, from_learn, raise};
+use crate::cli::args::{Command, DiagnoseCommand, SweepArgs, Threads};
+use crate::cli::console::{note, print, print_line};
+use crate::cli::{self, Caller, INTERRUPTED, train};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::run_robot::RobotCopy;
 
 /// Seed of the test rollouts; training rollouts have seed 0.
 const TEST_SEED: &str = "1000000";
 
 pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i32> {
-    let grid = grid(arguments).map_err(|error| from_learn(&error))?;
-    let base = settings(Layers::default(), &arguments.set).map_err(|error| from_learn(&error))?;
+    let grid = grid(arguments).or_raise()?;
+    let base = settings(Layers::default(), &arguments.set).or_raise()?;
     let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
     // Each part of the sweep keeps as many threads busy as the cells do.
-    let jobs = arguments.jobs.unwrap_or_else(|| available() as i64);
+    let jobs = arguments.jobs.map_or_else(available, Threads::count);
     let mut commands = Vec::new();
     let expert = arguments.expert.clone().unwrap_or_else(|| arguments.out.join("expert"));
-    if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps as u64) {
+    if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps.wide()) {
         commands.push(expert_command(arguments, &expert, jobs));
     }
     let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
@@ -59,7 +60,7 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
             return Ok(code);
         }
     }
-    let open = |folder: &Path| Dataset::open(folder).map_err(|error| from_learn(&error));
+    let open = |folder: &Path| Dataset::open(folder).or_raise();
     let robot = RobotCopy::read(py, &pairs)?.map(|copy| copy.to_keep(py)).transpose()?;
     let (pairs, test) = (open(&pairs)?, open(&test)?);
     let subject = &pairs.header().subject;
@@ -67,32 +68,31 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     let data = SweepData { subject, pairs: &pairs, test: &test, robot: robot.as_ref() };
     let results = py.detach(|| -> Result<Option<Table>> {
         let cells = arguments.out.join("cells");
-        let Some(results) = sweep(&grid, &base, data, &cells, jobs as usize, &watcher)? else {
+        let Some(results) = sweep(&grid, &base, data, &cells, jobs, &watcher)? else {
             return Ok(None);
         };
         let table = Table::new(&subject.robot, &grid, &results);
         table.write(&arguments.out)?;
         Ok(Some(table))
     });
-    let Some(table) = results.map_err(|error| from_learn(&error))? else {
-        console::note("interrupted; the same command goes on with the cells that are missing");
+    let Some(table) = results.or_raise()? else {
+        note!("interrupted; the same command goes on with the cells that are missing");
         return Ok(INTERRUPTED);
     };
     let (above, known) = table.at_or_above_the_paper();
-    console::print(&table.text());
-    console::print_line(&format!("rows at or above the paper: {above} of {known}"));
-    console::print_line(&format!("folder of the sweep: {}", arguments.out.display()));
+    print(&table.text());
+    print_line!("rows at or above the paper: {above} of {known}");
+    print_line!("folder of the sweep: {}", arguments.out.display());
     Ok(0)
 }
 
 fn grid(arguments: &SweepArgs) -> Result<Grid> {
-    let counts = |numbers: &[i64]| numbers.iter().map(|&number| number as usize).collect();
     Ok(Grid {
-        timesteps: counts(&arguments.timesteps),
+        timesteps: arguments.timesteps.iter().map(|steps| steps.count()).collect(),
         methods: arguments.methods.iter().map(|name| Method::parse(name)).collect::<Result<_>>()?,
-        rollouts: counts(&arguments.rollouts),
-        seeds: arguments.seeds as u64,
-        samples: arguments.samples as usize,
+        rollouts: arguments.rollouts.iter().map(|rollouts| rollouts.count()).collect(),
+        seeds: arguments.seeds.wide(),
+        samples: arguments.samples.count(),
     })
 }
 
@@ -103,7 +103,7 @@ fn is_trained(run: &Path, steps: u64) -> bool {
 }
 
 /// Trains the expert, or goes on with it.
-fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: i64) -> Vec<OsString> {
+fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: usize) -> Vec<OsString> {
     let (expert_text, steps) = (expert.into(), arguments.expert_steps.to_string());
     let mut command: Vec<OsString> = vec!["train".into()];
     if expert.join("config.toml").exists() {
@@ -120,10 +120,11 @@ fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: i64) -> Vec<OsStri
 
 /// Gives a command as a user would; returns its exit code.
 fn give(py: Python<'_>, command: &[OsString], caller: &Caller) -> PyResult<i32> {
-    console::note(&format!("dappo-batch {}", command.join(OsStr::new(" ")).display()));
+    let words = cli::words(command);
+    note!("{}", words.join(" "));
     let cli = cli::parse(command).map_err(|error| raise(Kind::Config, error.to_string()))?;
     match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, command, caller),
+        Command::Train(arguments) => train::run(py, arguments, &words, caller),
         Command::Diagnose(arguments) => match &arguments.command {
             DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments, caller),
             _ => Ok(0),
@@ -139,13 +140,13 @@ struct Watcher {
 
 impl SweepObserver for Watcher {
     fn finished(&self, result: &CellResult, done: usize, total: usize) {
-        console::note(&format!(
+        note!(
             "{done}/{total} {}: {:.2} % (validated {:.2} %), {} epochs",
             result.cell.name(),
             100.0 * result.accuracy,
             100.0 * result.validation_accuracy,
             result.epochs
-        ));
+        );
     }
 
     fn should_stop(&self) -> bool {

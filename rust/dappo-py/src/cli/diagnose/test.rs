@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_learn::diagnose::cost::{Cost, cost};
-use dappo_learn::diagnose::dataset::Dataset;
-use dappo_learn::diagnose::{Diagnoser, PairSource, Report, Summary, TrainingFolder};
-use dappo_learn::{LearnError, Ppo, Result};
+use dappo_diagnose::cost::{Cost, cost};
+use dappo_diagnose::dataset::Dataset;
+use dappo_diagnose::{Diagnoser, DiagnosisSummary, PairSource, Report, TrainingFolder};
+use dappo_learn::{LearnError, Result};
+use dappo_nn::Policy;
 use pyo3::prelude::*;
 use serde_json::json;
 
-use crate::cli::args::TestDiagnoserArgs;
-use crate::cli::{Caller, INTERRUPTED, console, policy};
+use crate::cli::args::{Count, TestDiagnoserArgs, Threads};
+use crate::cli::console::{Table, print_line};
+use crate::cli::{Caller, INTERRUPTED, policy};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
@@ -21,13 +23,13 @@ use crate::run_robot::{OpenRun, RobotCopy};
 struct Tested {
     model: String,
     data: String,
-    summary: Summary,
+    summary: DiagnosisSummary,
     report: Report,
     cost: Option<Cost>,
 }
 
 pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
-    let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
+    let pool = Pool::new(arguments.threads.map(Threads::count))?;
     let follower =
         arguments.policy.as_deref().map(|run| Follower::open(py, &pool, run, arguments)).transpose()?;
     check_robots(py, arguments)?;
@@ -130,7 +132,7 @@ fn check_subject(diagnoser: &Diagnoser, data: &Dataset, folder: &TrainingFolder,
 
 /// The policy that believes a diagnosis.
 struct Follower {
-    ppo: Ppo,
+    policy: Policy,
     config: dappo_learn::config::Config,
     factory: TableFactory,
 }
@@ -143,67 +145,78 @@ impl Follower {
         }
         let OpenRun { folder, mut config, .. } = run;
         config.env.threads = Some(pool.num_threads());
-        config.evaluation.episodes =
-            arguments.episodes.map_or(config.evaluation.episodes, |episodes| episodes as usize);
+        config.evaluation.episodes = arguments.episodes.map_or(config.evaluation.episodes, Count::count);
         let factory = TableFactory::compile(py, &config)?;
         let loaded = pool.run(py, || policy::load(&folder, &config, &factory))?;
-        Ok(Self { ppo: loaded.ppo, config, factory })
+        Ok(Self { policy: loaded.policy, config, factory })
     }
 
     fn cost(&self, report: &Report, stop: &dyn Fn() -> bool) -> Result<Option<Cost>> {
-        cost(report, &self.ppo, &self.config, &self.factory, stop)
+        cost(report, &self.policy, &self.config, &self.factory, stop)
     }
 }
 
 fn show_classes(report: &Report) {
-    console::print_line("accuracy %  class");
+    let mut table = Table::new(&["accuracy %", "<class"]);
     for (name, accuracy) in report.class_names.iter().zip(report.class_accuracy()) {
-        console::print_line(&format!("{:>10.2}  {name}", 100.0 * accuracy));
+        table.row([percent(accuracy), name.clone()]);
     }
+    table.print();
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.2}", 100.0 * share)
 }
 
 fn show_summary(tested: &Tested) {
-    let Summary { rollouts, windows, accuracy, standard_error, held_out_accuracy, calibration_error, .. } =
-        tested.summary;
+    let DiagnosisSummary {
+        rollouts,
+        windows,
+        accuracy,
+        standard_error,
+        held_out_accuracy,
+        calibration_error,
+        ..
+    } = tested.summary;
     let error =
         if standard_error.is_nan() { String::new() } else { format!(" ± {:.2}", 100.0 * standard_error) };
-    console::print_line(&format!("{} on {}", tested.model, tested.data));
-    console::print_line(&format!(
+    print_line!("{} on {}", tested.model, tested.data);
+    print_line!(
         "  accuracy {:.2}{error} % of {windows} windows, {rollouts} rollouts; calibration error {:.2} %",
         100.0 * accuracy,
         100.0 * calibration_error
-    ));
+    );
     if let Some(accuracy) = held_out_accuracy {
-        console::print_line(&format!("  on classes that it was not trained on: {:.2} %", 100.0 * accuracy));
+        print_line!("  on classes that it was not trained on: {:.2} %", 100.0 * accuracy);
     }
     if let Some(cost) = &tested.cost {
-        console::print_line(&format!(
+        print_line!(
             "  forward reward of the policy: {:.1} told the truth, {:.1} told the diagnosis: gait-equivalent accuracy {:.2} %",
-            cost.told_truth,
-            cost.told_diagnosis,
+            cost.true_reward,
+            cost.diagnosed_reward,
             100.0 * cost.gait_equivalent_accuracy
-        ));
+        );
         for mistake in cost.mistakes.iter().take(3) {
-            console::print_line(&format!(
+            print_line!(
                 "    {:.1} % of {} are called {}, which changes the reward from {:.0} to {:.0}",
                 100.0 * mistake.share,
                 mistake.class,
                 mistake.named,
-                mistake.told_truth,
-                mistake.told_mistake
-            ));
+                mistake.true_reward,
+                mistake.mistaken_reward
+            );
         }
     }
 }
 
 /// Accuracies in per cent: a row a diagnoser, a column a dataset.
 fn show_cross_table(tested: &[Tested], datasets: usize) {
-    console::print_line("accuracy %");
+    print_line!("accuracy %");
     for row in tested.chunks(datasets) {
         let cells: Vec<String> =
             row.iter().map(|tested| format!("{:>8.2}", 100.0 * tested.summary.accuracy)).collect();
-        console::print_line(&format!("{}  {}", cells.concat(), row[0].model));
+        print_line!("{}  {}", cells.concat(), row[0].model);
     }
     let names: Vec<&str> = tested[..datasets].iter().map(|tested| tested.data.as_str()).collect();
-    console::print_line(&format!("columns: {}", names.join(", ")));
+    print_line!("columns: {}", names.join(", "));
 }

@@ -3,25 +3,27 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use dappo_diagnose::dataset::Dataset;
+use dappo_diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
+use dappo_diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, TrainingFolder};
 use dappo_learn::config::Layers;
-use dappo_learn::diagnose::dataset::Dataset;
-use dappo_learn::diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
-use dappo_learn::diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, Subject, TrainingFolder};
 use dappo_learn::robot_files::keep;
 use dappo_learn::{LearnError, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use pyo3::prelude::*;
 
 use super::settings;
-use crate::cli::args::TrainDiagnoserArgs;
-use crate::cli::{Caller, INTERRUPTED, console};
-use crate::errors::from_learn;
+use crate::cli::args::{AtLeast, Count, Threads, TrainDiagnoserArgs};
+use crate::cli::console::{note, print_line};
+use crate::cli::progress::bar;
+use crate::cli::{Caller, INTERRUPTED};
+use crate::errors::OrRaise;
 use crate::pool::Pool;
 use crate::run_robot::RobotCopy;
 
 pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
-    let pool = Pool::new(arguments.threads.map(|threads| threads as usize))?;
-    let data = Dataset::open(&arguments.data).map_err(|error| from_learn(&error))?;
+    let pool = Pool::new(arguments.threads.map(Threads::count))?;
+    let data = Dataset::open(&arguments.data).or_raise()?;
     let subject = &data.header().subject;
     let robot = RobotCopy::read(py, &arguments.data)?;
     if let (Some(robot), Some(folder)) = (&robot, &arguments.resume)
@@ -29,13 +31,13 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
     {
         robot.check_same(py, &arguments.data, (folder, &kept), true)?;
     }
-    let (folder, config) = open(arguments, &data).map_err(|error| from_learn(&error))?;
+    let (folder, config) = open(arguments, &data).or_raise()?;
     // A kill may have left a training without one.
     if let (Some(robot), None) = (&robot, RobotCopy::read(py, folder.root())?) {
-        keep(folder.root(), &robot.to_keep(py)?).map_err(|error| from_learn(&error))?;
+        keep(folder.root(), &robot.to_keep(py)?).or_raise()?;
     }
     if !arguments.json {
-        console::note(&describe(&config, &data, &folder));
+        note!("{}", describe(&config, &data, &folder));
     }
     let mut display = Display::new(&config, arguments.json.then_some(caller), caller.watch()?);
     let resume = arguments.resume.is_some();
@@ -51,22 +53,22 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
     let outcome = outcome?;
     let root = folder.root().display();
     if outcome.interrupted {
-        console::note(&format!(
+        note!(
             "interrupted after {} epochs; go on with: dappo-batch diagnose train {} --resume {root}",
             outcome.epochs,
             arguments.data.display()
-        ));
+        );
         return Ok(INTERRUPTED);
     }
     if let (false, Some((best, _))) = (arguments.json, outcome.best) {
-        console::print_line(&format!(
+        print_line!(
             "accuracy on the validation rollouts: {:.2} % of {} classes, epoch {} of {}",
             100.0 * best.validation_accuracy,
             subject.classes(),
             best.epoch,
             outcome.epochs
-        ));
-        console::print_line(&format!("folder of the training: {root}"));
+        );
+        print_line!("folder of the training: {root}");
     }
     Ok(0)
 }
@@ -78,39 +80,30 @@ fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(LockedTrainin
         return Ok((folder.lock()?, config));
     }
     let mut layers = Layers::default();
-    layers.set("timesteps", arguments.timesteps.unwrap_or(data.timesteps() as i64))?;
-    for (key, value) in [("rollouts", arguments.rollouts), ("seed", arguments.seed)] {
+    layers.set("timesteps", arguments.timesteps.map_or(data.timesteps() as i64, Count::get))?;
+    for (key, value) in
+        [("rollouts", arguments.rollouts.map(Count::get)), ("seed", arguments.seed.map(AtLeast::get))]
+    {
         if let Some(value) = value {
             layers.set(key, value)?;
         }
     }
-    for (key, value) in [("method", &arguments.method), ("head", &arguments.head)] {
+    for (key, value) in [("method", arguments.method.as_deref()), ("head", arguments.head.as_deref())] {
         if let Some(value) = value {
-            layers.set(key, value.as_str())?;
+            layers.set(key, value)?;
         }
     }
-    let mut config = settings(layers, &arguments.set)?;
-    for name in &arguments.held_out {
-        config.held_out.push(class_id(&data.header().subject, name)?);
+    let subject = &data.header().subject;
+    if !arguments.held_out.is_empty() {
+        let class = |name: &String| subject.class(name).map(|class| toml::Value::from(class as i64));
+        layers.set("held_out", arguments.held_out.iter().map(class).collect::<Result<Vec<_>>>()?)?;
     }
-    config.check_source(data)?;
+    let config = settings(layers, &arguments.set)?;
+    config.check_source(data, subject)?;
     let Some(out) = &arguments.out else {
         return Err(LearnError::Invalid("the folder of the training is missing; give it with --out".into()));
     };
     Ok((TrainingFolder::create(out, &config)?, config))
-}
-
-/// The class with this name or number.
-fn class_id(subject: &Subject, name: &str) -> Result<usize> {
-    let by_number = name.parse().ok().filter(|&class: &usize| class < subject.classes());
-    let by_name = || subject.class_names.iter().position(|known| known == name.trim());
-    by_number.or_else(by_name).ok_or_else(|| {
-        LearnError::Invalid(format!(
-            "`{name}` is no damage class of the data; expected a number from 0 to {} or a name such as `{}`",
-            subject.classes().saturating_sub(1),
-            subject.class_names.last().map_or("healthy", String::as_str)
-        ))
-    })
 }
 
 fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -> String {
@@ -138,14 +131,7 @@ struct Display<'a> {
 
 impl<'a> Display<'a> {
     fn new(config: &DiagnoserConfig, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
-        let bar = if objects.is_some() {
-            ProgressBar::hidden()
-        } else {
-            ProgressBar::new(1000 * config.epochs as u64)
-        };
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
-            bar.set_style(style);
-        }
+        let bar = bar(1000 * config.epochs as u64, objects.is_none());
         Self { bar, objects, interrupted, last: String::new() }
     }
 }
@@ -170,13 +156,13 @@ impl Observer for Display<'_> {
         self.last = format!(" · validated {:.2} %", 100.0 * metrics.validation_accuracy);
         if self.bar.is_hidden() {
             // Not a terminal: one line an epoch.
-            console::note(&format!(
+            note!(
                 "epoch {} · loss {:.3} · {:.1} k samples/s{}",
                 metrics.epoch,
                 metrics.train_loss,
                 metrics.samples_per_second / 1000.0,
                 self.last
-            ));
+            );
         }
     }
 

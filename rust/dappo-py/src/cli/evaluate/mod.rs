@@ -5,30 +5,31 @@ mod show;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_learn::Ppo;
 use dappo_learn::config::Config;
-use dappo_learn::evaluate::{Comparison, Encoding, Evaluation, RunEvaluation, evaluate};
+use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
+use dappo_learn::walk::Encoding;
+use dappo_nn::Policy;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::EvaluateArgs;
 use super::{Caller, INTERRUPTED, console};
-use crate::errors::from_learn;
+use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use runs::LoadedRun;
 pub use show::show;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
-    let encoding = Encoding::parse(&arguments.encoding).map_err(|error| from_learn(&error))?;
+    let encoding = Encoding::parse(&arguments.encoding).or_raise()?;
     let pool = Pool::new(arguments.simulation.threads())?;
     let interrupted = caller.watch()?;
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
     let runs = runs::load(py, &pool, arguments, &arguments.runs, encoding, None)?;
     let others = runs::load(py, &pool, arguments, &arguments.compare, Encoding::True, runs.first())?;
     if !arguments.json {
-        console::note(&runs[0].describe());
+        console::write_note(&runs[0].describe());
     }
     let several = runs.len() + others.len() > 1;
     let evaluate = |runs: &[LoadedRun], encoding| {
@@ -38,7 +39,7 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
             }
             if several {
                 // The tables of many runs would hide their comparison; each run folder holds its own.
-                console::print_line(&run.heading());
+                console::write_line(&run.heading());
                 show::groups(evaluation);
             } else {
                 show(evaluation);
@@ -50,8 +51,10 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     let comparison = if others.is_empty() {
         None
     } else {
-        let comparison = compare_and_save(&runs[0], &evaluations, &other_evaluations, encoding);
-        Some(comparison.map_err(|error| from_learn(&error))?)
+        let seed = runs[0].config.evaluation.seed;
+        let comparison = Comparison::new(&evaluations, &other_evaluations, seed);
+        let comparison = comparison.and_then(|found| found.write(&runs[0].folder, encoding).map(|()| found));
+        Some(comparison.or_raise()?)
     };
     if arguments.json {
         caller.object(&json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison }));
@@ -75,7 +78,7 @@ fn evaluate_all(
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
         let evaluation = pool.run(py, || {
-            evaluate_and_save(&run.ppo, &run.config, encoding, &run.factory, &run.folder, interrupted)
+            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &run.folder, interrupted)
         })?;
         let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
@@ -87,32 +90,16 @@ fn evaluate_all(
 
 /// Evaluates a policy and writes its tables into `eval/`; `None` when it was interrupted.
 pub fn evaluate_and_save(
-    ppo: &Ppo,
+    policy: &Policy,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
     run: &RunFolder,
     interrupted: &AtomicBool,
 ) -> dappo_learn::Result<Option<Evaluation>> {
-    let evaluation = evaluate(ppo, config, encoding, factory, &|| interrupted.load(Ordering::Relaxed))?;
+    let evaluation = evaluate(policy, config, encoding, factory, &|| interrupted.load(Ordering::Relaxed))?;
     if let Some(evaluation) = &evaluation {
-        run.write_evaluation(&encoding.file_name("per_class", "csv"), &evaluation.class_table())?;
-        run.write_evaluation(&encoding.file_name("groups", "csv"), &evaluation.group_table())?;
+        evaluation.write(run)?;
     }
     Ok(evaluation)
-}
-
-/// Compares two sides and writes the result into the `eval/` of the first run.
-fn compare_and_save(
-    first: &LoadedRun,
-    runs: &[RunEvaluation],
-    others: &[RunEvaluation],
-    encoding: Encoding,
-) -> dappo_learn::Result<Comparison> {
-    let comparison = Comparison::new(runs, others, first.config.evaluation.seed)?;
-    let summary = serde_json::to_string_pretty(&comparison.summary)
-        .map_err(|error| dappo_learn::LearnError::Invalid(error.to_string()))?;
-    first.folder.write_evaluation(&encoding.file_name("comparison", "csv"), &comparison.class_table())?;
-    first.folder.write_evaluation(&encoding.file_name("comparison", "json"), &summary)?;
-    Ok(comparison)
 }

@@ -1,8 +1,9 @@
 //! What a person sees of an evaluation.
 
-use dappo_learn::evaluate::{ALL, Encoding, Estimate, Evaluation, Gain, RunEvaluation, Side, Summary};
+use dappo_learn::evaluate::{ALL, ComparisonSummary, Estimate, Evaluation, Gain, RunEvaluation, Side};
+use dappo_learn::walk::Encoding;
 
-use crate::cli::console;
+use crate::cli::console::{Table, print_line};
 
 /// Prints the table of the classes, that of the groups and the mean over all classes.
 pub fn show(evaluation: &Evaluation) {
@@ -11,47 +12,46 @@ pub fn show(evaluation: &Evaluation) {
 }
 
 fn classes(evaluation: &Evaluation) {
-    let width = evaluation.classes.iter().map(|class| class.name.len()).max().unwrap_or(0).max("name".len());
-    console::print_line(&format!(
-        "class  {:<width$}  {:<8} {:>14} {:>8} {:>8} {:>7}",
-        "name", "group", "forward reward", "± s.e.", "length", "falls"
-    ));
+    let mut table = Table::new(&["class", "<name", "<group", "forward reward", "± s.e.", "length", "falls"]);
     for c in &evaluation.classes {
-        let (error, falls) = (error(c.standard_error), format!("{}/{}", c.falls, c.episodes));
-        console::print_line(&format!(
-            "{:>5}  {:<width$}  {:<8} {:>14.1} {error:>8} {:>8.0} {falls:>7}",
-            c.class, c.name, c.group, c.forward_reward, c.episode_length
-        ));
+        table.row([
+            c.class.to_string(),
+            c.name.clone(),
+            c.group.clone(),
+            format!("{:.1}", c.forward_reward),
+            error(c.standard_error),
+            format!("{:.0}", c.episode_length),
+            format!("{}/{}", c.falls, c.episodes),
+        ]);
     }
+    table.print();
 }
 
 /// Prints the table of the groups and the mean over all classes.
 pub fn groups(evaluation: &Evaluation) {
-    console::print_line(&format!(
-        "group     classes {:>14} {:>8} {:>10}",
-        "forward reward", "± s.e.", "falls"
-    ));
+    let mut table = Table::new(&["<group", "classes", "forward reward", "± s.e.", "falls"]);
     for g in &evaluation.groups {
-        let (error, falls) = (error(g.standard_error), format!("{}/{}", g.falls, g.episodes));
-        console::print_line(&format!(
-            "{:<8} {:>8} {:>14.1} {error:>8} {falls:>10}",
-            g.group, g.classes, g.forward_reward
-        ));
+        table.row([
+            g.group.clone(),
+            g.classes.to_string(),
+            format!("{:.1}", g.forward_reward),
+            error(g.standard_error),
+            format!("{}/{}", g.falls, g.episodes),
+        ]);
     }
+    table.print();
     let diverged: usize = evaluation.groups.iter().filter(|g| g.group == ALL).map(|g| g.diverged).sum();
     if diverged > 0 {
-        console::print_line(&format!(
-            "episodes among the falls that ended because the physics diverged: {diverged}"
-        ));
+        print_line!("episodes among the falls that ended because the physics diverged: {diverged}");
     }
-    console::print_line(&format!(
+    print_line!(
         "mean forward reward over {} classes: {:.1} (backend {}, {}){}",
         evaluation.classes.len(),
         evaluation.mean_forward_reward(),
-        evaluation.simulator.backend,
-        evaluation.simulator.precision,
-        told(evaluation.encoding)
-    ));
+        evaluation.simulator.physics.backend(),
+        evaluation.simulator.physics.precision(),
+        encoding(evaluation.encoding)
+    );
 }
 
 /// Prints the mean over several runs of one learner.
@@ -59,53 +59,45 @@ pub fn seeds(runs: &[RunEvaluation]) {
     let means: Vec<f64> = runs.iter().map(|run| run.evaluation.mean_forward_reward()).collect();
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    console::print_line(&format!(
+    print_line!(
         "mean forward reward of {} runs: {:.1}, from {low:.1} to {high:.1} ({})",
         runs.len(),
         means.iter().sum::<f64>() / means.len() as f64,
         seed_list(runs.iter().map(|run| run.seed))
-    ));
+    );
 }
 
 /// Prints the essence of a comparison.
-pub fn comparison(summary: &Summary) {
-    console::print_line(&format!(
-        "comparison of RUN ({}) with OTHER ({})",
-        names(&summary.runs),
-        names(&summary.others)
-    ));
+pub fn comparison(summary: &ComparisonSummary) {
+    print_line!("comparison of RUN ({}) with OTHER ({})", names(&summary.runs), names(&summary.others));
     for (name, side) in [("RUN", &summary.runs), ("OTHER", &summary.others)] {
-        console::print_line(&format!(
+        print_line!(
             "  mean forward reward of {name}: {:.1} ({}){}",
             side.forward_reward,
             seed_list(side.seeds.iter().map(|run| run.seed)),
-            told(side.encoding)
-        ));
+            encoding(side.encoding)
+        );
     }
     if !summary.equal_budgets() {
         let budgets = |side: &Side| {
             side.seeds.iter().map(|run| run.env_steps.to_string()).collect::<Vec<_>>().join(", ")
         };
-        console::print_line(&format!(
+        print_line!(
             "  their budgets differ, in env steps: {} of RUN, {} of OTHER",
             budgets(&summary.runs),
             budgets(&summary.others)
-        ));
+        );
     }
-    console::print_line(&format!(
+    print_line!(
         "  classes in which RUN is ahead: {} of {} ({:.1} %)",
         summary.classes_won,
         summary.gain.classes,
         100.0 * summary.share_won
-    ));
-    console::print_line(&format!("  average gain: {}", gain(&summary.gain)));
+    );
+    print_line!("  average gain: {}", gain(&summary.gain));
     for (name, pairs) in [("adjacent", &summary.adjacent_pairs), ("opposite", &summary.opposite_pairs)] {
         if let Some(pairs) = pairs {
-            console::print_line(&format!(
-                "  average gain on {name} pairs ({} classes): {}",
-                pairs.classes,
-                gain(pairs)
-            ));
+            print_line!("  average gain on {name} pairs ({} classes): {}", pairs.classes, gain(pairs));
         }
     }
     if [Some(&summary.gain), summary.adjacent_pairs.as_ref(), summary.opposite_pairs.as_ref()]
@@ -113,14 +105,14 @@ pub fn comparison(summary: &Summary) {
         .flatten()
         .any(|gain| gain.relative.is_none())
     {
-        console::print_line("  no gain in per cent where the mean of OTHER may not be above 0");
+        print_line!("  no gain in per cent where the mean of OTHER may not be above 0");
     }
-    console::print_line(&format!(
+    print_line!(
         "  intervals: {:.0} % of {} bootstrap resamples over {}",
         100.0 * summary.confidence,
         summary.resamples,
         summary.intervals_cover
-    ));
+    );
 }
 
 fn names(side: &Side) -> String {
@@ -134,8 +126,8 @@ fn seed_list(seeds: impl Iterator<Item = u64>) -> String {
     format!("{} {noun}: {}", seeds.len(), seeds.join(", "))
 }
 
-/// Nothing for the truth.
-fn told(encoding: Encoding) -> String {
+/// Nothing for the true code.
+fn encoding(encoding: Encoding) -> String {
     if encoding == Encoding::True { String::new() } else { format!(", encoding {}", encoding.name()) }
 }
 

@@ -11,7 +11,6 @@ mod features;
 mod geometry;
 mod joints;
 mod refuse;
-mod simd;
 mod softness;
 mod tree;
 
@@ -19,13 +18,13 @@ use rayon::prelude::*;
 
 use super::{Backend, BackendSnapshot, ObsRows, Precision, Reset, StepOutputs, check_class, check_envs};
 use crate::error::{SimError, expect_len};
+use crate::simd::Simd;
 use crate::terms::Task;
 
 pub use arrays::{ModelArrays, ModelReader};
 use block::{Block, BlockOutputs};
 pub use compile::{LaneTable, Sizes};
-pub use dappo_lanes::{Group, Readout, Simd};
-pub use simd::{select as select_simd, simd};
+pub use dappo_lanes::{Group, Readout};
 
 /// The lane engine × rayon.
 pub struct LanesBackend {

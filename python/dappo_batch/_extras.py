@@ -1,0 +1,52 @@
+"""Extras: packages that only some parts of this one need."""
+
+from __future__ import annotations
+
+import importlib.util
+
+from dappo_batch._core import DappoError
+
+__all__ = ["MissingExtraError", "install", "lacking", "missing", "require"]
+
+_PACKAGES = {
+    "ray": {"ray": "ray"},
+    "report": {"matplotlib": "matplotlib"},
+    "slurm": {"submitit": "submitit"},
+    "video": {"PIL": "pillow", "av": "av"},
+    "viewer": {"mjviser": "mjviser"},
+}
+"""By extra: names of packages by those of their modules."""
+
+
+class MissingExtraError(DappoError, ImportError):
+    """Something needs packages of an extra that is not installed; the message says how to install it."""
+
+
+def install(extra: str) -> str:
+    """Return the command that installs an extra."""
+    return f"pip install 'dappo-batch[{extra}]'"
+
+
+def lacking(extra: str) -> list[str]:
+    """Return the packages of an extra that are not installed."""
+    return [name for module, name in _PACKAGES[extra].items() if importlib.util.find_spec(module) is None]
+
+
+def missing(extra: str, packages: list[str], what: str) -> MissingExtraError:
+    """Return the error of packages that are not installed; `what`, in the plural, needs them."""
+    verb = "is" if len(packages) == 1 else "are"
+    return MissingExtraError(
+        f"{' and '.join(packages)} {verb} not installed, which {what} need: {install(extra)}"
+    )
+
+
+def require(extra: str, what: str) -> None:
+    """Check that an extra is installed.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not.
+    """
+    if packages := lacking(extra):
+        raise missing(extra, packages, what)

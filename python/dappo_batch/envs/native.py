@@ -1,0 +1,109 @@
+"""What both kinds of environment do with the native simulation in the same way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dappo_batch import _core
+from dappo_batch._core import ConfigError, SimulationError
+from dappo_batch._pickling import NotPicklable
+from dappo_batch.envs.options import RobotLike, VectorEnvOptions
+from dappo_batch.envs.simulation import (
+    RGB_ARRAY,
+    checked_render_mode,
+    class_table,
+    native_env,
+    painter,
+    step_seconds,
+)
+from dappo_batch.model import ClassTable
+from dappo_batch.render.live import LivePainter
+
+__all__ = ["NativeEnv", "SavedState"]
+
+
+@dataclass(frozen=True)
+class SavedState(NotPicklable):
+    """What `save_state` returns: everything that the next steps of its envs depend on."""
+
+    _instead: ClassVar[str] = "keep it in the process of its envs"
+
+    core: _core.EnvState = field(repr=False)
+    was_reset: bool
+    ended: NDArray[np.bool_] = field(repr=False)
+
+
+class NativeEnv(NotPicklable):
+    """Saved states and pictures of N envs that live in native memory.
+
+    A class of Gymnasium's that derives from it calls `_start` first.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
+    table: ClassTable
+    closed: bool = False
+    _core: _core.VectorEnv
+    _painter: LivePainter | None = None
+
+    def _start(self, robot: RobotLike, num_envs: int, options: VectorEnvOptions) -> None:
+        """Check the arguments, compile the robot and start the simulation."""
+        self.render_mode = checked_render_mode(options["render_mode"])
+        self.table = class_table(robot, options)
+        self._core = native_env(self.table, num_envs, options)
+        self.metadata = {
+            "render_modes": [RGB_ARRAY],
+            "render_fps": max(1, round(1.0 / step_seconds(self.table))),
+        }
+        self._was_reset = False
+        self._ended = np.zeros(num_envs, dtype=np.bool_)  # episodes that wait for a reset
+        if self.render_mode is not None:
+            self._painter = painter(self.table)
+
+    def save_state(self) -> SavedState:
+        """Return everything that the next steps depend on, to go back to with `restore_state`.
+
+        Unlike positions and velocities it holds activations of actuators, delayed signals, the start of the
+        solver, and the episodes: their steps, damage and random streams. The same actions then give the
+        same steps, to the bit.
+
+        Raises
+        ------
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        return SavedState(self._core.save_state(), self._was_reset, self._ended.copy())
+
+    def _restore(self, state: SavedState) -> None:
+        self._check_open()
+        if not isinstance(state, SavedState):
+            raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
+        if not state.was_reset:
+            raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
+        self._core.restore_state(state.core)
+        self._was_reset = True
+        self._ended = state.ended.copy()
+
+    def _pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every env, or None without a render mode."""
+        self._check_open()
+        if self._painter is None:
+            return None
+        qpos, _ = self._core.get_state()
+        classes = self._core.damage_class.tolist()
+        return tuple(self._painter.draw(*shown) for shown in zip(classes, qpos, strict=True))
+
+    def _free(self) -> None:
+        """Free the native memory and the process that draws, also of an env that was never finished."""
+        if self._painter is not None:
+            self._painter.close()
+        if hasattr(self, "_core"):
+            self._core.close()
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise SimulationError("this env is closed; make a new one")

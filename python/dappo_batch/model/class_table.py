@@ -1,0 +1,294 @@
+"""The class table: one compiled MuJoCo model per damage class of a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal
+
+import mujoco
+
+from dappo_batch._checks import folder, integer, mapping, real, sequence, shown, text
+from dappo_batch._core import ConfigError, DamageSpace, DappoError
+from dappo_batch.damage import DamageType, make_damage_type
+from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
+from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
+from dappo_batch.model.requirements import find_parts
+from dappo_batch.robots import Robot, load_robot
+from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from dappo_batch._core import DamageClass
+
+__all__ = ["ClassTable", "ClassTableError", "compile_class_table"]
+
+_INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
+
+_MOST_MEMORY = 4 << 30
+"""Of all compiled models, bytes."""
+
+# Sizes of texts: damage may rename things, and neither states nor the simulation depend on it.
+_TEXT_SIZES = {"nnames", "nnames_map", "npaths", "ntextdata", "nbuffer"}
+
+
+class ClassTableError(DappoError):
+    """A damage class does not compile, or its model has other sizes than the healthy one."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClassTable:
+    """A robot with one compiled model per damage class.
+
+    All models have equal sizes, so a state or an ``mujoco.MjData`` of one class fits every other.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot.
+    space : DamageSpace
+        The damage classes; a class id is an index into `models` and `muted_touch`.
+    severity : float
+        Severity of all damage, in (0, 1].
+    models : tuple of mujoco.MjModel
+        One model per class, [D].
+    muted_touch : tuple of tuple of int
+        Per class, the limbs whose touch signal reads 0.
+    limb_bodies : tuple of tuple of int
+        Per limb, the ids of its bodies.
+    touch_addresses : tuple of int
+        Per limb, the index of its touch signal in ``sensordata``; empty if the robot has no touch sensors.
+    main_body : int
+        Id of the body whose x position gives the forward velocity.
+    """
+
+    robot: Robot
+    space: DamageSpace
+    severity: float
+    models: tuple[mujoco.MjModel, ...]
+    muted_touch: tuple[tuple[int, ...], ...]
+    limb_bodies: tuple[tuple[int, ...], ...]
+    touch_addresses: tuple[int, ...]
+    main_body: int
+
+    @property
+    def hidden_state(self) -> str:
+        """What the state of the robot holds besides positions and velocities; empty if that is all."""
+        return hidden_state(self.models[0])
+
+    def worker_data(self, count: int) -> list[mujoco.MjData]:
+        """Return `count` new ``mujoco.MjData``, each of which fits every class.
+
+        A worker thread needs one of its own; an env needs none, only a state.
+        """
+        return [mujoco.MjData(self.models[0]) for _ in range(count)]
+
+
+def compile_class_table(
+    robot: Robot | str | Path,
+    *,
+    types: Sequence[str] | None = None,
+    max_damaged_limbs: int | None = None,
+    severity: float = 1.0,
+    physics: Literal["rk4", "euler"] | None = None,
+    damage_options: Mapping[str, Mapping[str, Any]] | None = None,
+) -> ClassTable:
+    """Compile one model per damage class of a robot.
+
+    Every class is an edit of the MJCF that goes through MuJoCo's compiler, so that masses, inertias and all
+    other derived numbers belong together. Floor contacts are written down as explicit pairs where that
+    changes nothing but the speed.
+
+    Parameters
+    ----------
+    robot : Robot, str or pathlib.Path
+        A robot, a robot's name, or the path of a robot TOML.
+    types : sequence of str, optional
+        Names of damage types, in the order of enumeration; by default those of the robot TOML.
+    max_damaged_limbs : int, optional
+        Largest number of limbs damaged at once; by default that of the robot TOML.
+    severity : float, optional
+        In (0, 1]; 1 is the full damage of the robot TOML.
+    physics : {"rk4", "euler"}, optional
+        Integrator to use instead of the MJCF's. For the Ant, ``"euler"`` takes a quarter of the time of its
+        own RK4, but it is another physics: results of the two cannot be compared.
+    damage_options : mapping, optional
+        Parameters by damage type; they take precedence over those of the robot TOML.
+
+    Returns
+    -------
+    ClassTable
+        The compiled classes.
+
+    Raises
+    ------
+    ConfigError
+        If the robot or a parameter is wrong, or the MJCF has not all that a robot needs; the error lists
+        what.
+    ClassTableError
+        If a class does not compile, or its arrays have other sizes than those of the healthy robot.
+    """
+    if not isinstance(robot, Robot):
+        robot = load_robot(folder(robot, "robot") if isinstance(robot, PathLike) else text(robot, "robot"))
+    severity = real(severity, "severity")
+    types = None if types is None else [text(name, "a damage type") for name in sequence(types, "types")]
+    if max_damaged_limbs is not None:
+        max_damaged_limbs = integer(max_damaged_limbs, "max_damaged_limbs", 0)
+    for name, options in mapping({} if damage_options is None else damage_options, "damage_options").items():
+        text(name, "a key of damage_options")
+        for key in mapping(options, f"damage_options[{name!r}]"):
+            text(key, f"a key of damage_options[{name!r}]")
+    if not 0.0 < severity <= 1.0:
+        raise ConfigError(f"severity must be above 0 and at most 1, got {severity}")
+    names = list(robot.damage_types if types is None else types)
+    kinds = _damage_types(robot, names, damage_options or {})
+    limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
+    space = DamageSpace(len(robot.limbs), names, limit)
+
+    with quiet_mujoco():
+        base = _read_mjcf(robot, physics)
+        healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
+        _check_memory(robot, healthy, len(space.classes))
+        parts = find_parts(robot, healthy)
+        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
+        damaged = (_compile_class(base, robot, item, kinds, severity) for item in space.classes[1:])
+        models = (healthy, *damaged)
+    sizes = _sizes(healthy)
+    for damage_class, model in zip(space.classes, models, strict=True):
+        _check_sizes(robot, damage_class, sizes, _sizes(model))
+    return ClassTable(
+        robot=robot,
+        space=space,
+        severity=float(severity),
+        models=models,
+        muted_touch=tuple(
+            tuple(limb for limb, name in item.damages if kinds[name].mutes_touch) for item in space.classes
+        ),
+        limb_bodies=parts.limb_bodies,
+        touch_addresses=parts.touch_addresses,
+        main_body=parts.main_body,
+    )
+
+
+def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
+    """Check that a robot's MJCF has what its TOML says, and that each limb can break in each way.
+
+    It takes the time of compiling two or three classes, however many there are.
+
+    Raises
+    ------
+    ConfigError
+        If it has not, with all that is wrong.
+    """
+    names = list(robot.damage_types if types is None else types)
+    kinds = _damage_types(robot, names, {})
+    with quiet_mujoco():
+        base = _read_mjcf(robot, None)
+        healthy = DamageSpace(len(robot.limbs), names, 0).classes[0]
+        find_parts(robot, _compile_class(base, robot, healthy, kinds, 1.0))
+        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
+
+
+def _unfit_limbs(
+    base: mujoco.MjSpec, robot: Robot, kinds: Mapping[str, DamageType], severity: float
+) -> list[str]:
+    """Return why limbs cannot break in the ways that are asked for."""
+    faults = []
+    for kind in kinds.values():
+        for limb in robot.limbs:
+            try:
+                kind.apply(base.copy(), limb, severity)
+            except ConfigError as error:
+                faults.append(str(error))
+    return faults
+
+
+def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int) -> None:
+    size = classes * int(model.nbuffer)
+    if size > _MOST_MEMORY:
+        raise ConfigError(
+            f"robot {robot.name}: {classes} damage classes of {model.nbuffer} bytes each need"
+            f" {size / 2**30:.1f} GiB, at most {_MOST_MEMORY / 2**30:.0f} are taken; lower"
+            " max_damaged_limbs or name"
+            " fewer types"
+        )
+
+
+def _damage_types(
+    robot: Robot, names: Sequence[str], options: Mapping[str, Mapping[str, Any]]
+) -> dict[str, DamageType]:
+    if len(set(names)) < len(names):
+        raise ConfigError(f"damage types must differ, got {', '.join(names)}")
+    if unused := options.keys() - set(names):
+        raise ConfigError(
+            f"damage_options names {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
+        )
+    kinds, faults = {}, []
+    for name in names:
+        try:
+            kinds[name] = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
+        except ConfigError as error:
+            faults.append(str(error))
+    refuse(f"robot {robot.name}", faults)
+    return kinds
+
+
+def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
+    refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
+    try:
+        spec = read_mjcf(robot.mjcf_path)
+        spec.compiler.usethread = False  # the threads of a command or env are those that its user chose
+    except MUJOCO_ERRORS as error:
+        raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
+    if physics is not None:
+        if not isinstance(physics, str) or physics not in _INTEGRATORS:
+            raise ConfigError(f"physics must be one of {', '.join(_INTEGRATORS)}, got {shown(physics)}")
+        spec.option.integrator = _INTEGRATORS[physics]
+    return spec
+
+
+def _compile_class(
+    base: mujoco.MjSpec,
+    robot: Robot,
+    damage_class: DamageClass,
+    kinds: Mapping[str, DamageType],
+    severity: float,
+) -> mujoco.MjModel:
+    spec = base.copy()
+    for limb, name in damage_class.damages:
+        kinds[name].apply(spec, robot.limbs[limb], severity)
+    try:
+        # After the damage, not once for all classes: damage may change what contacts are mixed from.
+        make_floor_contacts_explicit(spec)
+        return spec.compile()
+    except MUJOCO_ERRORS as error:
+        if not damage_class.damages:
+            raise ConfigError(
+                f"robot {robot.name}: MuJoCo cannot compile {robot.mjcf_path}: {error}"
+            ) from error
+        raise ClassTableError(
+            f"robot {robot.name}: damage class {damage_class.name} does not compile: {error}"
+        ) from error
+
+
+def _sizes(model: mujoco.MjModel) -> dict[str, int]:
+    """Return all array sizes of a model by their MuJoCo names."""
+    names = (name for name in dir(model) if name.startswith("n") and name not in _TEXT_SIZES)
+    values = ((name, getattr(model, name)) for name in names)
+    return {name: value for name, value in values if isinstance(value, int)}
+
+
+def _check_sizes(
+    robot: Robot, damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]
+) -> None:
+    different = [
+        f"{name} is {got[name]} instead of {size}" for name, size in expected.items() if got[name] != size
+    ]
+    if different:
+        raise ClassTableError(
+            f"robot {robot.name}: damage class {damage_class.name} has other sizes than the healthy robot:"
+            f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts"
+        )

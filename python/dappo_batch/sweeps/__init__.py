@@ -1,0 +1,128 @@
+"""Many trainings: a grid of options over any executor, continued where it was stopped."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from pathlib import Path
+from typing import Any
+
+from dappo_batch._checks import folder as _folder
+from dappo_batch._checks import mapping, shown
+from dappo_batch._core import CheckpointError, ConfigError, write_file
+from dappo_batch.commands import Folder
+from dappo_batch.commands.invoke import assignments
+from dappo_batch.runs.tables import read_text
+from dappo_batch.sweeps.cell import Cell, cells_of, options_of
+from dappo_batch.sweeps.worker import processes, train_cell
+
+__all__ = ["Cell", "sweep"]
+
+
+def sweep(
+    base: Mapping[str, Any],
+    grid: Mapping[str, Sequence[Any]],
+    out: Folder,
+    *,
+    executor: Executor | None = None,
+    callback: Callable[[Cell], object] | None = None,
+) -> list[Cell]:
+    """Train every combination of the grid, each in a folder of its own.
+
+    Called again with the same folder it does what is missing: cells that are done stay as they are, a cell
+    that was stopped or killed goes on from its newest checkpoint. The grid may have grown; `base` must be the
+    same.
+
+    Parameters
+    ----------
+    base
+        What all cells have in common: options of `train`, or settings such as ``"ppo.gamma"``.
+    grid
+        Values by option or setting.
+    out
+        Folder of the sweep.
+    executor
+        Where the cells run: any executor whose workers see the same folder. One process at a time on this
+        machine, with all cores, if left out.
+    callback
+        Told each cell as it ends.
+
+    Returns
+    -------
+    list of Cell
+        All cells, in the order of the grid. One that failed says why and does not stop the others.
+
+    Raises
+    ------
+    ConfigError
+        If the grid is empty, an argument is of the wrong type, or the folder holds a sweep with another base
+        or cannot be written.
+    CheckpointError
+        If its ``sweep.json`` cannot be read.
+    """
+    folder = _folder(out, "out").absolute()
+    if executor is not None and not isinstance(executor, Executor):
+        raise ConfigError(f"executor must be a concurrent.futures.Executor, got {shown(executor)}")
+    if callback is not None and not callable(callback):
+        raise ConfigError(f"callback must be a function, got {shown(callback)}")
+    cells = list(cells_of(grid, folder))
+    # Refuses what no command line can have, before the first cell.
+    assignments({key: value for key, value in mapping(base, "base").items() if key != "set"}, "base")
+    assignments(base.get("set") or {}, "set")
+    _claim(folder, base)
+    if executor is None:
+        with processes(1) as pool:
+            return _run_all(cells, base, pool, callback)
+    return _run_all(cells, base, executor, callback)
+
+
+def _claim(folder: Path, base: Mapping[str, Any]) -> None:
+    """Note what the cells have in common, or check that it is the same as before."""
+    path = folder / "sweep.json"
+    wanted = json.loads(json.dumps({"base": dict(base)}, default=str))
+    if not path.exists():
+        try:
+            write_file(path, (json.dumps(wanted, indent=2) + "\n").encode())
+        except OSError as error:
+            raise ConfigError(f"{path} cannot be written: {error}") from error
+        return
+    try:
+        known = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise CheckpointError(f"{path} cannot be read: {error}") from error
+    if known != wanted:
+        other = known.get("base") if isinstance(known, dict) else known
+        raise ConfigError(
+            f"{folder} holds a sweep with another base: {json.dumps(other)}; choose another folder"
+        )
+
+
+def _run_all(
+    cells: Sequence[Cell],
+    base: Mapping[str, Any],
+    executor: Executor,
+    callback: Callable[[Cell], object] | None,
+) -> list[Cell]:
+    futures = {
+        executor.submit(train_cell, str(cell.path), options_of({**base, **cell.values})): cell
+        for cell in cells
+    }
+    ended: dict[Path, Cell] = {}
+    try:
+        for future in as_completed(futures):
+            cell = _ended(futures[future], future)
+            ended[cell.path] = cell
+            if callback is not None:
+                callback(cell)
+    finally:
+        for future in futures:
+            future.cancel()
+    return [ended[cell.path] for cell in cells]
+
+
+def _ended(cell: Cell, future: Future[None]) -> Cell:
+    error = future.exception()
+    if isinstance(error, KeyboardInterrupt):
+        raise error
+    return cell if error is None else Cell(cell.values, cell.path, f"{type(error).__name__}: {error}")

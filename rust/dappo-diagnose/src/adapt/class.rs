@@ -1,0 +1,150 @@
+//! The outcome of one damage class.
+
+use dappo_learn::statistics::{mean, median};
+use dappo_learn::walk::{Episode, KnownClasses, Trial, Walks};
+use serde::Serialize;
+
+use super::Contest;
+use super::outcome::EpisodeOutcome;
+
+/// The outcome of one damage class. Forward rewards are Σ forward velocity over the steps of an episode from the
+/// damage on, in m/s, averaged over episodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ClassOutcome {
+    /// Damage class of the robot.
+    pub class: usize,
+    /// Its name.
+    pub name: String,
+    /// Episodes in which the damage struck; all others count for nothing here.
+    pub episodes: usize,
+    /// Episodes that ended before.
+    pub ended_before: usize,
+    /// Episodes with a suspicion before the damage (in all of the episode, if the robot stays healthy).
+    pub false_alarms: usize,
+    /// Episodes in which damage was suspected after it struck.
+    pub detected: usize,
+    /// Median number of steps from the damage to the suspicion, where there was one.
+    pub median_delay: Option<f64>,
+    /// Episodes whose first diagnosis after the damage was right.
+    pub right_at_first: usize,
+    /// Episodes in which the policy had the code of the right class in the end.
+    pub right_at_last: usize,
+    /// The classes whose codes the policy had in the end, the most frequent first.
+    #[serde(rename = "told")]
+    pub given: Vec<GivenClass>,
+    /// Examinations an episode.
+    pub examinations: f64,
+    /// Episodes in which the robot walked as fast as the oracle, but for a fifth, some time after the diagnosis.
+    pub recovered: usize,
+    /// Median number of steps that this took from the damage on, where it happened.
+    pub median_recovery: Option<f64>,
+    /// Episodes that the controller ended in failure.
+    pub falls: usize,
+    /// Forward velocity before the damage, m/s.
+    pub velocity_before: f64,
+    /// Forward reward of the controller.
+    pub adapted: f64,
+    /// Forward reward of the policy with the code of the damage in force; `None` for damage that it does not
+    /// know.
+    pub oracle: Option<f64>,
+    /// Forward reward of the policy with the code of a healthy robot.
+    pub unadapted: f64,
+    /// Forward reward of PPO-Unaware, if there is one.
+    pub unaware: Option<f64>,
+}
+
+/// A damage class whose code the policy had.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct GivenClass {
+    /// Its name.
+    pub name: String,
+    /// Episodes at whose end it had it.
+    pub episodes: usize,
+}
+
+impl ClassOutcome {
+    /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
+    pub(super) fn new(
+        trial: &Trial,
+        row: usize,
+        classes: &KnownClasses,
+        contest: &Contest,
+    ) -> (Self, Vec<EpisodeOutcome>) {
+        let struck = struck(trial, row, &contest.adapted);
+        let after = |walks: &Walks| average(walks, &struck, reward);
+        let class = trial.classes[row];
+        let known = classes.known[class];
+        let oracle = known.map(|_| average(&contest.oracle, &struck, speed));
+        let adapted = || struck.iter().map(|&episode| &contest.adapted.episodes[episode]);
+        let outcomes: Vec<EpisodeOutcome> =
+            adapted().map(|episode| EpisodeOutcome::new(episode, oracle)).collect();
+        let count = |holds: &dyn Fn(&EpisodeOutcome) -> bool| outcomes.iter().filter(|o| holds(o)).count();
+        let steps = |of: fn(&EpisodeOutcome) -> Option<usize>| {
+            outcomes.iter().filter_map(of).map(|steps| steps as f64)
+        };
+        let examinations: usize = outcomes.iter().map(|outcome| outcome.examinations).sum();
+        let outcome = Self {
+            class,
+            name: classes.names[class].clone(),
+            episodes: struck.len(),
+            ended_before: trial.episodes - struck.len(),
+            false_alarms: count(&|outcome| outcome.false_alarm),
+            detected: count(&|outcome| outcome.delay.is_some()),
+            median_delay: median(steps(|outcome| outcome.delay)),
+            right_at_first: count(&|outcome| known.is_some() && outcome.first_diagnosis == known),
+            right_at_last: count(&|outcome| Some(outcome.given) == known),
+            given: given(&outcomes, classes),
+            examinations: examinations as f64 / struck.len() as f64,
+            recovered: count(&|outcome| outcome.recovery.is_some()),
+            median_recovery: median(steps(|outcome| outcome.recovery)),
+            falls: adapted().filter(|episode| episode.fell).count(),
+            velocity_before: average(&contest.adapted, &struck, |episode| {
+                mean(episode.velocities.iter().take(episode.onset).copied())
+            }),
+            adapted: after(&contest.adapted),
+            oracle: known.map(|_| after(&contest.oracle)),
+            unadapted: after(&contest.unadapted),
+            unaware: contest.unaware.as_ref().map(after),
+        };
+        (outcome, outcomes)
+    }
+}
+
+/// The episodes of the class in row `row` that did not end before its damage struck; all of healthy robots.
+pub(super) fn struck(trial: &Trial, row: usize, walks: &Walks) -> Vec<usize> {
+    let is_struck = |episode: &Episode| episode.class == 0 || episode.steps > episode.onset;
+    let of_class = row * trial.episodes..(row + 1) * trial.episodes;
+    of_class.filter(|&episode| is_struck(&walks.episodes[episode])).collect()
+}
+
+/// The classes whose codes the policy had at the end of several episodes, the most frequent first.
+fn given(outcomes: &[EpisodeOutcome], classes: &KnownClasses) -> Vec<GivenClass> {
+    let mut episodes = vec![0; classes.known_names.len()];
+    outcomes.iter().for_each(|outcome| episodes[outcome.given] += 1);
+    let named = classes.known_names.iter().zip(episodes);
+    let mut given: Vec<GivenClass> = named
+        .filter(|(_, episodes)| *episodes > 0)
+        .map(|(name, episodes)| GivenClass { name: name.clone(), episodes })
+        .collect();
+    given.sort_by_key(|given| std::cmp::Reverse(given.episodes));
+    given
+}
+
+/// Mean over some episodes; NaN for none.
+pub(super) fn average(walks: &Walks, episodes: &[usize], of: impl Fn(&Episode) -> f64) -> f64 {
+    mean(episodes.iter().map(|&episode| of(&walks.episodes[episode])))
+}
+
+/// Σ forward velocity from the damage on.
+fn reward(episode: &Episode) -> f64 {
+    episode.velocities.iter().skip(episode.onset).sum()
+}
+
+/// Mean forward velocity from the damage on; 0 if the robot fell before.
+pub(super) fn speed(episode: &Episode) -> f64 {
+    episode
+        .velocities
+        .get(episode.onset..)
+        .filter(|rest| !rest.is_empty())
+        .map_or(0.0, |rest| mean(rest.iter().copied()))
+}

@@ -1,0 +1,61 @@
+//! Damage in mid-walk: what a controller makes of it, beside policies that know it at once and ones that do
+//! not.
+
+mod class;
+mod outcome;
+mod summary;
+mod trace;
+
+use dappo_learn::config::Config;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::error::Result;
+use dappo_learn::walk::{Agent, Encoding, KnownClasses, Trial, Walks};
+use dappo_nn::Policy;
+
+use crate::controller::Controller;
+
+pub use class::{ClassOutcome, GivenClass};
+pub use outcome::{EpisodeOutcome, RECOVERED};
+pub use summary::{AdaptationSummary, DecisionTime};
+pub use trace::trace;
+
+/// The walks of all agents of one trial.
+pub struct Contest {
+    /// The controller's.
+    pub adapted: Walks,
+    /// Those of the policy with the code of the damage in force, where it knows this damage.
+    pub oracle: Walks,
+    /// Those of the policy with the code of a healthy robot.
+    pub unadapted: Walks,
+    /// Those of PPO-Unaware.
+    pub unaware: Option<Walks>,
+}
+
+impl Contest {
+    /// Lets all agents walk the episodes of a trial; `None` once `stop` says so.
+    ///
+    /// `unaware` is a policy that observes no damage code.
+    pub fn run(
+        trial: &Trial,
+        controller: &mut Controller,
+        unaware: Option<&Policy>,
+        classes: &KnownClasses,
+        (config, factory): (&Config, &dyn EnvFactory),
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Self>> {
+        let run = |mut agent: Agent<'_>| trial.run(&mut agent, config, factory, stop);
+        let Some(adapted) = run(Agent::Onboard(controller))? else { return Ok(None) };
+        let policy = controller.policy();
+        let encoded = |encoding| Agent::Encoded(policy, classes, encoding);
+        let Some(oracle) = run(encoded(Encoding::True))? else { return Ok(None) };
+        let Some(unadapted) = run(encoded(Encoding::Zero))? else { return Ok(None) };
+        let unaware = match unaware {
+            None => None,
+            Some(policy) => match run(Agent::Unaware(policy))? {
+                None => return Ok(None),
+                walks => walks,
+            },
+        };
+        Ok(Some(Self { adapted, oracle, unadapted, unaware }))
+    }
+}

@@ -1,0 +1,323 @@
+//! The tables of a trial: one row a damage class, and the essence of all.
+
+use dappo_learn::csv_table::table;
+use dappo_learn::error::Result;
+use dappo_learn::statistics::median;
+use dappo_learn::walk::{KnownClasses, Trial};
+use dappo_nn::error::check_length;
+use serde::Serialize;
+
+use super::class::{average, speed, struck};
+use super::{ClassOutcome, Contest};
+
+/// The outcome of a trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdaptationSummary {
+    /// One entry a class, in the order of the trial.
+    pub classes: Vec<ClassOutcome>,
+    /// Share of the healthy episodes without any suspicion, if there are some.
+    pub healthy_without_alarm: Option<f64>,
+    /// Episodes of damages that cost more than half of the speed when nothing is done about them.
+    pub severe_episodes: usize,
+    /// Share of them in which damage was suspected.
+    pub severe_detected: Option<f64>,
+    /// Median number of steps that this took.
+    pub severe_median_delay: Option<f64>,
+    /// Share of the damaged episodes whose first diagnosis was right; undetected ones count as wrong.
+    pub right_at_first: Option<f64>,
+    /// Share of them in which the policy had the code of the right class in the end.
+    pub right_at_last: Option<f64>,
+    /// Mean forward reward over the damages that the policy knows, as a share of the oracle's.
+    pub recovered_share: Option<f64>,
+    /// The same of the policy with the code of a healthy robot.
+    pub unadapted_share: Option<f64>,
+    /// The same of PPO-Unaware.
+    pub unaware_share: Option<f64>,
+    /// How long the controller took for its decisions.
+    pub decision_ms: DecisionTime,
+}
+
+/// How long a controller took for a step of all its robots, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DecisionTime {
+    /// Robots decided about.
+    pub robots: usize,
+    /// Median.
+    pub median: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Longest; most often the step of a diagnosis.
+    pub longest: f64,
+}
+
+impl DecisionTime {
+    fn new(robots: usize, seconds: &[f64]) -> Self {
+        let mut sorted: Vec<f64> = seconds.iter().map(|seconds| 1000.0 * seconds).collect();
+        sorted.sort_by(f64::total_cmp);
+        // The smallest time that this share of the times does not exceed.
+        let quantile = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+        };
+        Self { robots, median: quantile(0.5), p99: quantile(0.99), longest: quantile(1.0) }
+    }
+}
+
+impl AdaptationSummary {
+    /// Puts the walks of a trial together.
+    ///
+    /// # Errors
+    /// If an agent did not walk all episodes.
+    pub fn new(trial: &Trial, known: &KnownClasses, contest: &Contest) -> Result<Self> {
+        let all = trial.classes.len() * trial.episodes;
+        for walks in
+            [&contest.adapted, &contest.oracle, &contest.unadapted].into_iter().chain(&contest.unaware)
+        {
+            check_length("walks [classes, episodes]", &walks.episodes, all)?;
+        }
+        let mut classes = Vec::with_capacity(trial.classes.len());
+        let (mut severe, mut delays) = (0, Vec::new());
+        for (row, &class) in trial.classes.iter().enumerate() {
+            let (outcome, episodes) = ClassOutcome::new(trial, row, known, contest);
+            let struck = struck(trial, row, &contest.adapted);
+            let slowed = average(&contest.unadapted, &struck, speed);
+            if class != 0 && slowed < 0.5 * outcome.velocity_before {
+                severe += struck.len();
+                delays.extend(episodes.iter().filter_map(|episode| episode.delay));
+            }
+            classes.push(outcome);
+        }
+        Ok(Self::of(classes, severe, &delays, DecisionTime::new(all, &contest.adapted.decision_seconds)))
+    }
+
+    fn of(
+        classes: Vec<ClassOutcome>,
+        severe_episodes: usize,
+        delays: &[usize],
+        decision_ms: DecisionTime,
+    ) -> Self {
+        let healthy: Vec<&ClassOutcome> = classes.iter().filter(|outcome| outcome.class == 0).collect();
+        let damaged: Vec<&ClassOutcome> =
+            classes.iter().filter(|outcome| outcome.class != 0 && outcome.episodes > 0).collect();
+        let share = |of: &[&ClassOutcome], count: &dyn Fn(&ClassOutcome) -> usize| {
+            let episodes: usize = of.iter().map(|outcome| outcome.episodes).sum();
+            let counted: usize = of.iter().map(|outcome| count(outcome)).sum();
+            (episodes > 0).then(|| counted as f64 / episodes as f64)
+        };
+        let total = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| -> Option<f64> {
+            damaged.iter().filter(|outcome| outcome.oracle.is_some()).map(|outcome| reward(outcome)).sum()
+        };
+        let of_oracle = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| {
+            let oracle = total(&|outcome| outcome.oracle).filter(|oracle| *oracle > 0.0)?;
+            Some(total(reward)? / oracle)
+        };
+        Self {
+            healthy_without_alarm: share(&healthy, &|outcome| outcome.episodes - outcome.false_alarms),
+            severe_episodes,
+            severe_detected: (severe_episodes > 0).then(|| delays.len() as f64 / severe_episodes as f64),
+            severe_median_delay: median(delays.iter().map(|&delay| delay as f64)),
+            right_at_first: share(&damaged, &|outcome| outcome.right_at_first),
+            right_at_last: share(&damaged, &|outcome| outcome.right_at_last),
+            recovered_share: of_oracle(&|outcome| Some(outcome.adapted)),
+            unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
+            unaware_share: of_oracle(&|outcome| outcome.unaware),
+            decision_ms,
+            classes,
+        }
+    }
+
+    /// The classes as CSV with a header line.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let columns = [
+            "class",
+            "name",
+            "episodes",
+            "ended_before",
+            "false_alarms",
+            "detected",
+            "median_delay",
+            "right_at_first",
+            "right_at_last",
+            "told",
+            "examinations",
+            "recovered",
+            "median_recovery",
+            "falls",
+            "velocity_before",
+            "adapted",
+            "oracle",
+            "unadapted",
+            "unaware",
+        ];
+        let optional = |value: Option<f64>, decimals| {
+            value.map_or_else(String::new, |value| format!("{value:.decimals$}"))
+        };
+        let row = |c: &ClassOutcome| {
+            let given = c.given.iter().map(|given| format!("{} {}", given.name, given.episodes));
+            vec![
+                c.class.to_string(),
+                c.name.clone(),
+                c.episodes.to_string(),
+                c.ended_before.to_string(),
+                c.false_alarms.to_string(),
+                c.detected.to_string(),
+                optional(c.median_delay, 1),
+                c.right_at_first.to_string(),
+                c.right_at_last.to_string(),
+                given.collect::<Vec<_>>().join("; "),
+                format!("{:.2}", c.examinations),
+                c.recovered.to_string(),
+                optional(c.median_recovery, 1),
+                c.falls.to_string(),
+                format!("{:.4}", c.velocity_before),
+                format!("{:.2}", c.adapted),
+                optional(c.oracle, 2),
+                format!("{:.2}", c.unadapted),
+                optional(c.unaware, 2),
+            ]
+        };
+        table(&columns, self.classes.iter().map(row))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dappo_sim::vector_env::Onset;
+
+    use dappo_learn::walk::{Episode, Kept, Walks};
+    use dappo_learn::walk::{Event, EventKind};
+
+    /// A policy that knows all of these classes.
+    fn all_known(names: &[&str]) -> KnownClasses {
+        let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+        KnownClasses {
+            known: (0..names.len()).map(Some).collect(),
+            codes: vec![Vec::new(); names.len()],
+            known_names: names.clone(),
+            names,
+        }
+    }
+
+    /// Damage at step 10.
+    fn trial(classes: Vec<usize>, episodes: usize) -> Trial {
+        Trial { classes, episodes, onset: Onset { first: 10, last: 10 }, seed: 0, kept: Kept::Velocities }
+    }
+
+    fn walk(class: usize, before: f64, after: f64, suspected: Option<u64>) -> Episode {
+        let kind = EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None };
+        Episode {
+            class,
+            onset: 10,
+            steps: 100,
+            velocities: [vec![before; 10], vec![after; 90]].concat(),
+            events: suspected.map(|step| Event { robot: 0, step, kind }).into_iter().collect(),
+            ..Episode::default()
+        }
+    }
+
+    #[test]
+    fn shares_are_of_the_oracles_reward_and_of_the_episodes_that_they_are_about() {
+        let trial = trial(vec![0, 1, 2], 2);
+        let all = |healthy: f64, mild: f64, severe: f64| {
+            let episodes = vec![
+                walk(0, 1.0, healthy, None),
+                walk(0, 1.0, healthy, Some(50)),
+                walk(1, 1.0, mild, None),
+                walk(1, 1.0, mild, None),
+                walk(2, 1.0, severe, Some(14)),
+                walk(2, 1.0, severe, Some(20)),
+            ];
+            // From 200 down to 1 ms.
+            let decision_seconds = (1..=200).rev().map(|ms| f64::from(ms) / 1000.0).collect();
+            Walks { episodes, decision_seconds }
+        };
+        let contest = Contest {
+            adapted: all(1.0, 0.8, 0.6),
+            oracle: all(1.0, 0.8, 0.8),
+            unadapted: all(1.0, 0.6, 0.2),
+            unaware: None,
+        };
+        let known = all_known(&["healthy", "mild", "severe"]);
+        let summary = AdaptationSummary::new(&trial, &known, &contest).unwrap();
+        assert_eq!(summary.healthy_without_alarm, Some(0.5));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
+        assert_eq!(summary.severe_median_delay, Some(7.0));
+        // (0.8 + 0.6) / (0.8 + 0.8) and (0.6 + 0.2) / 1.6, of 90 steps each.
+        assert!((summary.recovered_share.unwrap() - 0.875).abs() < 1e-12);
+        assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
+        assert_eq!(summary.unaware_share, None);
+        let DecisionTime { robots, median, p99, longest } = summary.decision_ms;
+        assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
+        assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
+        assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
+        assert_eq!(summary.classes[1].ended_before, 0);
+        assert!(AdaptationSummary::new(&Trial { episodes: 3, ..trial }, &known, &contest).is_err());
+    }
+
+    #[test]
+    fn damage_that_the_policy_does_not_know_is_never_right_and_has_no_oracle() {
+        let adapted = |event_class| {
+            let events = vec![
+                Event {
+                    robot: 0,
+                    step: 14,
+                    kind: EventKind::Suspected { forward_velocity: 0.0, expected: 1.0, residual: None },
+                },
+                Event {
+                    robot: 0,
+                    step: 20,
+                    kind: EventKind::Diagnosed { class: event_class, confidence: 0.9, accepted: true },
+                },
+                Event { robot: 0, step: 20, kind: EventKind::Adapted { class: event_class } },
+            ];
+            Episode { events, ..walk(1, 1.0, 0.5, None) }
+        };
+        let walks = |episodes| Walks { episodes, decision_seconds: Vec::new() };
+        let contest = Contest {
+            adapted: walks(vec![adapted(1), adapted(2), adapted(2)]),
+            oracle: walks(vec![walk(1, 1.0, 1.0, None); 3]),
+            unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
+            unaware: None,
+        };
+        // The robot's class 1 is none of those that the policy knows.
+        let known = KnownClasses {
+            names: ["healthy", "weak"].map(ToOwned::to_owned).to_vec(),
+            known: vec![Some(0), None],
+            codes: vec![vec![0.0]; 2],
+            known_names: ["healthy", "jammed", "missing"].map(ToOwned::to_owned).to_vec(),
+        };
+        let trial = trial(vec![1], 3);
+        let summary = AdaptationSummary::new(&trial, &known, &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));
+        assert_eq!((class.oracle, class.median_recovery, summary.recovered_share), (None, None, None));
+        let given = [("missing", 2), ("jammed", 1)];
+        assert!(class.given.iter().map(|given| (given.name.as_str(), given.episodes)).eq(given));
+        assert!(summary.csv().contains(",missing 2; jammed 1,"));
+    }
+
+    #[test]
+    fn an_episode_that_ended_before_its_damage_struck_counts_for_nothing() {
+        let trial = trial(vec![1], 2);
+        let fallen = Episode { steps: 10, velocities: vec![1.0; 10], fell: true, ..walk(1, 1.0, 0.0, None) };
+        let walks = |after: f64, suspected| Walks {
+            episodes: vec![walk(1, 1.0, after, suspected), fallen.clone()],
+            decision_seconds: Vec::new(),
+        };
+        let contest = Contest {
+            adapted: walks(0.5, Some(12)),
+            oracle: walks(1.0, None),
+            unadapted: walks(0.1, None),
+            unaware: Some(walks(0.2, None)),
+        };
+        let summary = AdaptationSummary::new(&trial, &all_known(&["healthy", "broken"]), &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.episodes, class.ended_before, class.detected, class.falls), (1, 1, 1, 0));
+        assert_eq!((summary.severe_episodes, summary.severe_detected), (1, Some(1.0)));
+        assert!((class.adapted - 45.0).abs() < 1e-9);
+        assert!((summary.unaware_share.unwrap() - 0.2).abs() < 1e-12);
+        assert_eq!(summary.healthy_without_alarm, None);
+    }
+}

@@ -1,0 +1,169 @@
+//! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once.
+
+mod pairs;
+
+use std::path::Path;
+
+use dappo_learn::config::Faults;
+use dappo_learn::envs::EnvFactory;
+use dappo_learn::error::Result;
+use dappo_learn::fleet::Fleet;
+use dappo_nn::Policy;
+use dappo_sim::Backend;
+use dappo_sim::memory::Bytes;
+use dappo_sim::rng::env_keys;
+
+use super::dataset::{DatasetHeader, Part, PolicyId, Shard, check_piece};
+use super::{Preset, Subject};
+use pairs::Pairs;
+
+/// Robots simulated at once, about.
+const ENVS: usize = 1024;
+
+/// What to collect.
+#[derive(Debug, Clone)]
+pub struct CollectConfig {
+    /// Number of rollouts over all shards.
+    pub rollouts: usize,
+    /// Steps in a window.
+    pub timesteps: usize,
+    /// Seed of the rollouts.
+    pub seed: u64,
+    /// When the damage strikes, and how the twin is led.
+    pub preset: Preset,
+    /// The piece to collect.
+    pub shard: Shard,
+    /// Severity of the damage, as the class table has it.
+    pub severity: f64,
+}
+
+/// A policy and the run that it comes from.
+pub struct RunPolicy {
+    /// The policy.
+    pub policy: Policy,
+    /// Which one it is.
+    pub id: PolicyId,
+}
+
+/// Whoever watches a collection.
+pub trait CollectObserver {
+    /// Called once before the first block, with the room that the missing rollouts will take on the disk; an error
+    /// ends the collection.
+    fn begin(&mut self, missing: usize, bytes: u64) -> Result<()>;
+
+    /// Called after every block of rollouts: how many are done, those of earlier commands included.
+    fn collected(&mut self, done: usize, total: usize);
+
+    /// Whether to stop after the current block.
+    fn should_stop(&self) -> bool;
+}
+
+/// How a collection ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Collected {
+    /// Rollouts of this shard in the folder.
+    pub rollouts: usize,
+    /// Robots whose physics diverged in this command; each went on from its reference pose.
+    pub diverged: u64,
+    /// Whether the observer stopped it before the end.
+    pub interrupted: bool,
+}
+
+/// The header of the dataset that a collection makes.
+fn header(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    expert: &RunPolicy,
+    walker: Option<&RunPolicy>,
+    backend: &dyn Backend,
+) -> DatasetHeader {
+    let task = backend.task();
+    DatasetHeader {
+        format: DatasetHeader::format(),
+        subject: Subject::new(&factory.robot().name, factory.space()),
+        severity: config.severity,
+        seed: config.seed,
+        timesteps: config.timesteps,
+        obs_dim: task.obs_dim(),
+        action_dim: task.layout().nu,
+        timing: config.preset.timing,
+        twin: config.preset.twin,
+        expert: expert.id.clone(),
+        walker: walker.unwrap_or(expert).id.clone(),
+        backend: backend.name().into(),
+        precision: backend.precision().into(),
+    }
+}
+
+/// Fails if a collection puts twins beside robots in mid-gait, and these robots can have none. [`collect`] asks the same;
+/// who writes something before it asks first.
+pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
+    let is_synchronised = !config.preset.timing.starts_at_reset() || config.preset.twin.resync > 0;
+    if config.preset.needs_twins() && is_synchronised {
+        Fleet::new(factory.backend(1, None, factory.evaluation_physics())?).check_twins()?;
+    }
+    Ok(())
+}
+
+/// Collects the rollouts of a shard that `folder` does not hold yet. `walker` is the policy before the window; the
+/// expert for `None`.
+///
+/// Rollout r starts from a state drawn from (seed, r) alone, so the records depend neither on the shards nor on the
+/// number of threads.
+pub fn collect(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    expert: &RunPolicy,
+    walker: Option<&RunPolicy>,
+    folder: &Path,
+    observer: &mut dyn CollectObserver,
+) -> Result<Collected> {
+    config.check()?;
+    check_twins(config, factory)?;
+    let classes = factory.space().classes().len();
+    let range = config.shard.range(config.rollouts);
+    Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;
+    let keys = &env_keys(config.seed, range.end)[range.clone()];
+    let block = (ENVS / classes).clamp(1, keys.len().max(1));
+    let mut pairs = Pairs::new(config, factory, expert, walker, block)?;
+    let header = header(config, factory, expert, walker, pairs.backend());
+    // Two blocks at a time, and the bytes of one.
+    Bytes::of(3 * block, header.record_bytes() as usize)
+        .require(&format!("{block} rollouts of {classes} damage classes with {} steps", config.timesteps))?;
+    header.write_or_match(folder)?;
+    if range.is_empty() {
+        // With more pieces than rollouts some have none, and no file.
+        return Ok(Collected { rollouts: 0, diverged: 0, interrupted: false });
+    }
+    check_piece(folder, &header, &range)?;
+    let mut part = Part::open(folder, &header, range.start)?;
+    let missing = keys.len().saturating_sub(part.count());
+    observer.begin(missing, (missing as u64).saturating_mul(header.record_bytes()))?;
+    let mut ready = Vec::new();
+    // An earlier command may have collected more than this one asks for.
+    for next in keys.get(part.count()..).unwrap_or_default().chunks(block) {
+        // The disk takes one block while the next is simulated.
+        let (simulated, appended) = rayon::join(|| pairs.simulate(next), || part.append(&ready));
+        appended?;
+        ready = simulated?;
+        observer.collected(part.count(), keys.len());
+        if observer.should_stop() {
+            break;
+        }
+    }
+    part.append(&ready)?;
+    observer.collected(part.count(), keys.len());
+    let interrupted = part.count() < keys.len();
+    Ok(Collected { rollouts: part.count(), diverged: pairs.diverged(), interrupted })
+}
+
+impl CollectConfig {
+    fn check(&self) -> Result<()> {
+        self.preset.timing.check()?;
+        let mut faults = Faults::default();
+        for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
+            faults.count(key, value as u64, i32::MAX as u64);
+        }
+        faults.end()
+    }
+}

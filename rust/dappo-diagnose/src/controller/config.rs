@@ -1,0 +1,99 @@
+//! Settings of the run-time loop.
+
+use dappo_learn::config::Faults;
+use dappo_learn::error::{LearnError, Result};
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, VariantNames};
+
+/// Steps of a window at most, which is kept for every robot.
+const MOST_WINDOW: u64 = 1_000_000;
+/// Steps at most that something waits for; the time to the next examination doubles.
+const MOST_WAIT: u64 = 1 << 31;
+
+/// What makes a controller suspect damage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[derive(EnumString, VariantNames)]
+#[strum(serialize_all = "lowercase")]
+pub enum Trigger {
+    /// The robot moves differently from a twin with the class that the policy is told. Needs a faithful simulation,
+    /// and then notices damage that slows nothing down, wrong diagnoses, and damage that has been repaired.
+    Residual,
+    /// The robot walks too slowly for the class that the policy is told.
+    Speed,
+}
+
+impl Trigger {
+    /// The names of all triggers; the first is the default.
+    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
+
+    /// The trigger of this name.
+    pub fn parse(name: &str) -> Result<Self> {
+        name.parse().map_err(|_| LearnError::Config {
+            key: "trigger",
+            got: format!("`{name}`"),
+            expected: "`residual` or `speed`",
+        })
+    }
+}
+
+/// When a controller suspects damage and what it believes. Times are in control steps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ControllerConfig {
+    /// What makes it suspect damage.
+    pub trigger: Trigger,
+    /// Steps over which the forward velocity is averaged.
+    pub speed_window: usize,
+    /// Share of the expected forward velocity below which a robot is too slow.
+    pub speed_fraction: f64,
+    /// Steps over which the median of the residual is taken.
+    pub residual_window: usize,
+    /// Residual above which a robot differs from its twin: root mean square over the entries of an observation, in
+    /// standard deviations of the training.
+    pub residual_threshold: f64,
+    /// Steps after a start or a diagnosis in which nothing is suspected. Each examination that does not bring peace
+    /// doubles the time to the next one.
+    pub cooldown: usize,
+    /// Probability that a diagnosis needs to be believed.
+    pub confidence: f64,
+    /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the named damage is no closer to
+    /// the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a diagnoser whose twins are
+    /// put beside the robot before every step.
+    pub probation: usize,
+}
+
+impl Default for ControllerConfig {
+    fn default() -> Self {
+        Self {
+            trigger: Trigger::Residual,
+            speed_window: 50,
+            speed_fraction: 0.5,
+            residual_window: 10,
+            residual_threshold: 0.05,
+            cooldown: 50,
+            confidence: 0.5,
+            probation: 10,
+        }
+    }
+}
+
+impl ControllerConfig {
+    /// Fails with all settings outside their range.
+    pub fn check(&self) -> Result<()> {
+        let mut faults = Faults::default();
+        for (key, window) in [("speed_window", self.speed_window), ("residual_window", self.residual_window)]
+        {
+            faults.count(key, window as u64, MOST_WINDOW);
+        }
+        for (key, steps) in [("cooldown", self.cooldown), ("probation", self.probation)] {
+            let expected = format!("a whole number from 0 to {MOST_WAIT}");
+            faults.rule(key, steps, &expected, steps as u64 <= MOST_WAIT);
+        }
+        faults.positive("speed_fraction", self.speed_fraction, 1e9);
+        faults.positive("residual_threshold", self.residual_threshold, 1e9);
+        let confidence = self.confidence;
+        faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
+        faults.end()
+    }
+}

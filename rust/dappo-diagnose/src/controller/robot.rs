@@ -1,0 +1,42 @@
+//! Where one robot stands in the run-time loop.
+
+use super::ControllerConfig;
+use super::probation::Probation;
+use super::suspicion::Suspicion;
+use crate::Window;
+
+/// What a controller remembers of one robot.
+pub(super) struct Robot {
+    /// Control steps since its start.
+    pub step: u64,
+    /// Damage class that the policy is told.
+    pub class: usize,
+    /// Damage class of its twin.
+    pub twin_class: usize,
+    /// Whether the twin has taken the step whose observation comes next.
+    pub has_prediction: bool,
+    /// Whether some of its last readings were not finite.
+    pub is_blind: bool,
+    /// What speaks for damage while it walks.
+    pub suspicion: Suspicion,
+    /// The steps examined so far.
+    pub examination: Option<Window>,
+    /// What speaks for the last diagnosis, until that is settled.
+    pub probation: Option<Probation>,
+}
+
+impl Robot {
+    /// A robot that is taken for healthy.
+    pub fn new(config: &ControllerConfig) -> Self {
+        Self {
+            step: 0,
+            class: 0,
+            twin_class: usize::MAX,
+            has_prediction: false,
+            is_blind: false,
+            suspicion: Suspicion::new(config),
+            examination: None,
+            probation: None,
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! `export.json`: what an export folder is, for programs in any language.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use dappo_learn::error::{LearnError, Result};
+use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
+use dappo_nn::Standardizer;
+use dappo_sim::terms::ObservationTerm;
+use serde::{Deserialize, Serialize};
+
+use super::unusable;
+use crate::controller::ControllerConfig;
+use crate::{Description, Head, Method, Subject, Twin, TwinAction};
+
+/// The contents of `export.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExportHeader {
+    /// Name and version of the format.
+    pub format: String,
+    /// Version of the program that wrote it.
+    pub version: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// Time from one action to the next, s.
+    pub control_period: f64,
+    /// Length of an observation, without damage code, O.
+    pub obs_dim: usize,
+    /// Length of an action, A.
+    pub action_dim: usize,
+    /// The damage classes; the index is the class, 0 is the healthy robot.
+    pub classes: Vec<ClassHeader>,
+    /// When damage is suspected and what is believed; nothing for a policy alone.
+    pub controller: Option<ControllerConfig>,
+    /// The policy.
+    pub policy: PolicyHeader,
+    /// The policy that walks during an examination; the policy itself, told that nothing is damaged, for none.
+    pub expert: Option<PolicyHeader>,
+    /// The diagnoser; nothing for a policy alone.
+    pub diagnoser: Option<DiagnoserHeader>,
+    /// How to simulate the robot, and how to lead a simulated one beside the real one.
+    pub twin: TwinHeader,
+    /// What the parts were made from.
+    pub sources: Sources,
+    /// Every other file of the folder.
+    pub files: BTreeMap<String, FileHeader>,
+}
+
+/// A damage class.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClassHeader {
+    /// Its name.
+    pub name: String,
+    /// Its damage code, zeros and ones.
+    pub code: Vec<u8>,
+    /// Forward velocity of the policy when it is told the truth, m/s; a policy alone may not have been evaluated.
+    pub baseline: Option<f64>,
+}
+
+/// A policy: an observation, followed by a damage code, in; actions out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicyHeader {
+    /// Its file in ONNX.
+    pub onnx: String,
+    /// Its file of tensors.
+    pub tensors: String,
+    /// Widths, inputs to outputs; tanh between the layers.
+    pub layers: Vec<usize>,
+    /// Length of the damage code at the end of its input; 0 if it observes no damage.
+    pub code_length: usize,
+    /// What the entries of the damage code are multiplied by.
+    pub code_scale: f32,
+    /// Bound of the standardised entries before the code.
+    pub clip: f32,
+}
+
+/// A diagnoser: a window of raw inputs in, the probability of every damage class out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DiagnoserHeader {
+    /// Its file in ONNX.
+    pub onnx: String,
+    /// Its file of tensors.
+    pub tensors: String,
+    /// What it sees, as a letter.
+    pub method: Method,
+    /// The same block by block, in the order of the inputs of a step: `damaged`, `twin - damaged`, `action`.
+    pub inputs: Vec<String>,
+    /// Steps of a window, T.
+    pub timesteps: usize,
+    /// What the network puts out.
+    pub head: Head,
+    /// Width of the embedding.
+    pub embedding: usize,
+    /// Width of the LSTM's hidden state.
+    pub lstm: usize,
+    /// Widths of the dense layers.
+    pub hidden: Vec<usize>,
+    /// Damage classes that it was not trained on.
+    pub held_out: Vec<usize>,
+    /// Bound of the standardised inputs.
+    pub clip: f32,
+}
+
+/// How to simulate the robot beside the real one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TwinHeader {
+    /// File of the healthy robot, as MJCF.
+    pub mjcf: String,
+    /// Version of MuJoCo that the robot was trained in.
+    pub mujoco: String,
+    /// Integrator, as MuJoCo names it; it goes before that of the MJCF.
+    pub integrator: String,
+    /// Physics steps a control step.
+    pub frame_skip: usize,
+    /// ctrl = `action_scale` · clip(action, ±1).
+    pub action_scale: f64,
+    /// Blocks of an observation, in order.
+    pub observation: Vec<ObservationTerm>,
+    /// Touch sensor of every limb in the MJCF, for the block `touch`; empty without such sensors.
+    pub touch_sensors: Vec<String>,
+    /// Body whose way along x in a control step, divided by the control period, is the forward velocity.
+    pub forward_velocity: String,
+    /// Whose actions the twin takes during an examination; nothing for a policy alone, as in the following entries.
+    pub action: Option<TwinAction>,
+    /// Steps of an examination after which the twin is put into the state of the robot again; 0 = only at its begin.
+    pub resync: Option<u32>,
+    /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
+    /// take part, `[O]`.
+    pub residual_scale: Option<Vec<f32>>,
+}
+
+/// Where the parts come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sources {
+    /// Of the policy.
+    pub policy: RunSource,
+    /// Of the expert, if it has a run of its own.
+    pub expert: Option<RunSource>,
+    /// Of the diagnoser, if there is one.
+    pub diagnoser: Option<DiagnoserSource>,
+}
+
+/// A training run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunSource {
+    /// Name of the run folder.
+    pub run: String,
+    /// Version of the program that began it.
+    pub version: String,
+    /// Env steps that the policy was trained for.
+    pub env_steps: u64,
+    /// CRC-32 of the checkpoint's manifest, which lists the CRC-32 of every file.
+    pub fingerprint: String,
+}
+
+/// The training of a diagnoser.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DiagnoserSource {
+    /// Name of its folder.
+    pub folder: String,
+    /// CRC-32 of its header, which holds the CRC-32 of the weights.
+    pub fingerprint: String,
+}
+
+/// A file of the folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileHeader {
+    /// Its length.
+    pub bytes: u64,
+    /// Its SHA-256 in hexadecimal.
+    pub sha256: String,
+}
+
+impl Manifest for ExportHeader {
+    const NAME: &'static str = "export.json";
+    const FORMAT: &'static str = "dappo-batch export 1";
+    const KIND: &'static str = "an export";
+    const ADVICE: &'static str = "export again";
+
+    fn seals(&self) -> Vec<(String, Seal)> {
+        let seal = |file: &FileHeader| Seal {
+            bytes: Some(file.bytes),
+            checksum: Checksum::Sha256(file.sha256.clone()),
+        };
+        self.files.iter().map(|(name, file)| (name.clone(), seal(file))).collect()
+    }
+
+    fn error(path: &Path, message: String) -> LearnError {
+        unusable(path, message)
+    }
+}
+
+impl ExportHeader {
+    /// Names of the damage classes.
+    #[must_use]
+    pub fn class_names(&self) -> Vec<String> {
+        self.classes.iter().map(|class| class.name.clone()).collect()
+    }
+
+    /// A diagnoser without its weights.
+    pub(super) fn description(
+        &self,
+        diagnoser: &DiagnoserHeader,
+        standardizer: Standardizer,
+    ) -> Result<Description> {
+        let missing = |what: &str| {
+            LearnError::Invalid(format!("the header does not say how the twin is led: `{what}`"))
+        };
+        let twin = Twin {
+            action: self.twin.action.ok_or_else(|| missing("action"))?,
+            resync: self.twin.resync.ok_or_else(|| missing("resync"))?,
+        };
+        Ok(Description {
+            method: diagnoser.method,
+            timesteps: diagnoser.timesteps,
+            obs_dim: self.obs_dim,
+            action_dim: self.action_dim,
+            head: diagnoser.head,
+            embedding: diagnoser.embedding,
+            lstm: diagnoser.lstm,
+            hidden: diagnoser.hidden.clone(),
+            held_out: diagnoser.held_out.clone(),
+            twin,
+            subject: Subject {
+                robot: self.robot.clone(),
+                class_names: self.class_names(),
+                codes: self.classes.iter().map(|class| class.code.clone()).collect(),
+            },
+            standardizer,
+        })
+    }
+}
+
+/// The blocks of a diagnoser's input, in order.
+pub(super) fn input_blocks(method: Method) -> Vec<String> {
+    let blocks: &[&str] = match method {
+        Method::A => &["damaged"],
+        Method::B => &["twin - damaged"],
+        Method::C => &["damaged", "twin - damaged"],
+        Method::D => &["damaged", "twin - damaged", "action"],
+    };
+    blocks.iter().map(|block| (*block).to_owned()).collect()
+}

@@ -1,0 +1,121 @@
+//! Networks as tensors by name, and back.
+//!
+//! | of | tensors |
+//! |---|---|
+//! | a policy | `input.mean`, `input.scale` `[O]`, `layers.I.weight` `[inputs, outputs]`, `layers.I.bias` |
+//! | a diagnoser | `input.mean`, `input.scale` `[F]`, `embedding.*`, `lstm.input.*`, `lstm.recurrent` `[H, 4 H]` (gates input, forget, cell, output), `hidden.I.*`, `head.*` |
+
+use burn::module::Param;
+use burn::tensor::TensorData;
+use dappo_learn::error::Result;
+use dappo_nn::{
+    CLIP, DiagnoserNet, EmbeddedLstm, FrozenMlp, InputTransform, Policy, Standardizer, cpu, read,
+};
+
+use super::header::{DiagnoserHeader, ExportHeader, PolicyHeader, input_blocks};
+use super::tensors::{Reader, Tensors};
+use crate::Diagnoser;
+
+/// What a policy is, in files named after `name`.
+pub(super) fn policy_header(name: &str, policy: &Policy) -> PolicyHeader {
+    PolicyHeader {
+        onnx: format!("{name}.onnx"),
+        tensors: format!("{name}.safetensors"),
+        layers: policy.net().sizes().to_vec(),
+        code_length: policy.code_length(),
+        code_scale: policy.transform().code_scale(),
+        clip: CLIP,
+    }
+}
+
+/// What a diagnoser is.
+pub(super) fn diagnoser_header(diagnoser: &Diagnoser) -> DiagnoserHeader {
+    let description = diagnoser.description();
+    DiagnoserHeader {
+        onnx: "diagnoser.onnx".into(),
+        tensors: "diagnoser.safetensors".into(),
+        method: description.method,
+        inputs: input_blocks(description.method),
+        timesteps: description.timesteps,
+        head: description.head,
+        embedding: description.embedding,
+        lstm: description.lstm,
+        hidden: description.hidden.clone(),
+        held_out: description.held_out.clone(),
+        clip: CLIP,
+    }
+}
+
+pub(super) fn policy_tensors(policy: &Policy) -> Result<Tensors> {
+    let mut tensors = with_statistics(policy.standardizer()?)?;
+    for (index, ([inputs, outputs], weight, bias)) in policy.net().layers().enumerate() {
+        tensors.put(&format!("layers.{index}.weight"), &[inputs, outputs], weight.to_vec())?;
+        tensors.put(&format!("layers.{index}.bias"), &[outputs], bias.to_vec())?;
+    }
+    Ok(tensors)
+}
+
+pub(super) fn read_policy(header: &PolicyHeader, obs_dim: usize, file: &Reader<'_>) -> Result<Policy> {
+    let mut parameters = Vec::new();
+    for (index, pair) in header.layers.windows(2).enumerate() {
+        parameters.extend(file.array(&format!("layers.{index}.weight"), pair)?);
+        parameters.extend(file.array(&format!("layers.{index}.bias"), &pair[1..])?);
+    }
+    let statistics = read_statistics(obs_dim, file)?;
+    FrozenMlp::new(header.layers.clone(), parameters)
+        .and_then(|net| {
+            Policy::new(net, InputTransform::standardized(statistics, header.code_length, header.code_scale)?)
+        })
+        .map_err(|error| file.blame(error))
+}
+
+pub(super) fn diagnoser_tensors(diagnoser: &Diagnoser) -> Result<Tensors> {
+    let mut tensors = with_statistics(&diagnoser.description().standardizer)?;
+    let DiagnoserNet { lstm, hidden, head } = diagnoser.net();
+    tensors.put_linear("embedding", &lstm.embedding)?;
+    tensors.put_linear("lstm.input", &lstm.input)?;
+    let width = lstm.sizes().hidden;
+    tensors.put("lstm.recurrent", &[width, 4 * width], read(lstm.recurrent.val())?)?;
+    for (index, layer) in hidden.iter().enumerate() {
+        tensors.put_linear(&format!("hidden.{index}"), layer)?;
+    }
+    tensors.put_linear("head", head)?;
+    Ok(tensors)
+}
+
+pub(super) fn read_diagnoser(
+    header: &ExportHeader,
+    part: &DiagnoserHeader,
+    file: &Reader<'_>,
+) -> Result<Diagnoser> {
+    let inputs = part.method.input_dim(header.obs_dim, header.action_dim);
+    let description = header.description(part, read_statistics(inputs, file)?)?;
+    description.check().map_err(|error| file.blame(error))?;
+    let sizes = description.sizes();
+    let recurrent = [sizes.lstm, 4 * sizes.lstm];
+    let lstm = EmbeddedLstm {
+        embedding: file.linear("embedding", sizes.inputs, sizes.embedding)?,
+        input: file.linear("lstm.input", sizes.embedding, 4 * sizes.lstm)?,
+        recurrent: Param::from_data(
+            TensorData::new(file.array("lstm.recurrent", &recurrent)?, recurrent),
+            &cpu(),
+        ),
+    };
+    let widths = [&[sizes.lstm], sizes.hidden.as_slice()].concat();
+    let layer = |(index, pair): (usize, &[usize])| file.linear(&format!("hidden.{index}"), pair[0], pair[1]);
+    let hidden: Result<Vec<_>> = widths.windows(2).enumerate().map(layer).collect();
+    let head = file.linear("head", widths[widths.len() - 1], sizes.outputs)?;
+    Ok(Diagnoser::new(description, DiagnoserNet { lstm, hidden: hidden?, head }))
+}
+
+fn with_statistics(standardizer: &Standardizer) -> Result<Tensors> {
+    let mut tensors = Tensors::default();
+    let width = standardizer.input_dim();
+    tensors.put("input.mean", &[width], standardizer.mean().to_vec())?;
+    tensors.put("input.scale", &[width], standardizer.scale().to_vec())?;
+    Ok(tensors)
+}
+
+fn read_statistics(width: usize, file: &Reader<'_>) -> Result<Standardizer> {
+    Ok(Standardizer::of(file.array("input.mean", &[width])?, file.array("input.scale", &[width])?)?)
+}

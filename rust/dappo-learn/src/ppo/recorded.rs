@@ -1,0 +1,146 @@
+//! Gradients by burn's autodiff: for every device, and to check those of [`super::written`].
+
+use burn::module::Module;
+use burn::optim::GradientsParams;
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use dappo_nn::{GaussianPolicy, Mlp, scalar};
+
+use super::batch::{PolicyBatch, ValueBatch};
+use super::descent::{Distance, PolicyProblem, Problem};
+use super::loss::{Objective, kl_divergence, kl_penalty, log_prob, ratio, surrogate};
+use crate::error::Result;
+
+/// A policy's batch as tensors.
+struct Rows {
+    obs: Tensor<2>,
+    actions: Tensor<2>,
+    means: Tensor<2>,
+    log_probs: Tensor<2>,
+    advantages: Tensor<2>,
+}
+
+impl Rows {
+    fn new(batch: &PolicyBatch, device: &Device) -> Self {
+        let tensor = |values: &[f32]| matrix(values, batch.rows(), device);
+        Self {
+            obs: tensor(batch.obs),
+            actions: tensor(batch.actions),
+            means: tensor(batch.means),
+            log_probs: tensor(batch.log_probs),
+            advantages: tensor(&batch.advantages),
+        }
+    }
+
+    fn select(&self, rows: &Tensor<1, Int>) -> Self {
+        let take = |tensor: &Tensor<2>| tensor.clone().select(0, rows.clone());
+        Self {
+            obs: take(&self.obs),
+            actions: take(&self.actions),
+            means: take(&self.means),
+            log_probs: take(&self.log_probs),
+            advantages: take(&self.advantages),
+        }
+    }
+}
+
+/// The policy's problem.
+pub(super) struct RecordedPolicy {
+    objective: Objective,
+    device: Device,
+    old_log_std: Tensor<1>,
+    batch: Rows,
+    /// The rows that distances are measured on.
+    probe: Rows,
+}
+
+impl RecordedPolicy {
+    /// The problem of moving on from `old`, which collected the batch; `probe` names the rows that distances are
+    /// measured on.
+    pub fn new(objective: Objective, old: &GaussianPolicy, batch: &PolicyBatch, probe: Vec<i32>) -> Self {
+        let device = old.mean.device().without_autodiff();
+        let batch = Rows::new(batch, &device);
+        Self {
+            objective,
+            old_log_std: old.valid().log_std.val(),
+            probe: batch.select(&indices(probe, &device)),
+            device,
+            batch,
+        }
+    }
+}
+
+impl Problem<GaussianPolicy> for RecordedPolicy {
+    fn rows(&self) -> usize {
+        self.batch.obs.dims()[0]
+    }
+
+    fn gradients(
+        &mut self,
+        policy: &GaussianPolicy,
+        minibatch: Vec<i32>,
+    ) -> Result<(Tensor<1>, GradientsParams)> {
+        let Objective { clip_range, kl_coef, kl_target, kl_hinge } = self.objective;
+        let batch = self.batch.select(&indices(minibatch, &self.device));
+        let (mean, log_std) = (policy.mean.forward(batch.obs), policy.log_std.val());
+        let log_prob = log_prob(batch.actions, mean.clone(), log_std.clone());
+        let ratio = ratio(log_prob, batch.log_probs);
+        let kl = kl_divergence(batch.means, self.old_log_std.clone(), mean, log_std);
+        let penalty = kl_penalty(kl, kl_coef, kl_target, kl_hinge);
+        let loss = penalty - surrogate(ratio, batch.advantages, clip_range);
+        Ok((loss.clone().without_autodiff(), GradientsParams::from_grads(loss.backward(), policy)))
+    }
+}
+
+impl PolicyProblem for RecordedPolicy {
+    fn distance(&mut self, policy: &GaussianPolicy) -> Result<Distance> {
+        let (batch, policy) = (&self.probe, policy.valid());
+        let (mean, log_std) = (policy.mean.forward(batch.obs.clone()), policy.log_std.val());
+        let log_prob = log_prob(batch.actions.clone(), mean.clone(), log_std.clone());
+        let ratio = ratio(log_prob, batch.log_probs.clone());
+        let outside = ratio.sub_scalar(1.0).abs().greater_elem(self.objective.clip_range);
+        let kl = kl_divergence(batch.means.clone(), self.old_log_std.clone(), mean, log_std);
+        Ok(Distance { kl: scalar(kl)?, clip_fraction: scalar(outside.float().mean())? })
+    }
+}
+
+/// The value net's problem.
+pub(super) struct RecordedValue {
+    device: Device,
+    obs: Tensor<2>,
+    returns: Tensor<2>,
+}
+
+impl RecordedValue {
+    /// The problem of predicting the returns of a batch on `device`.
+    pub fn new(batch: &ValueBatch, device: &Device) -> Self {
+        let device = device.clone().without_autodiff();
+        Self {
+            obs: matrix(&batch.obs, batch.rows(), &device),
+            returns: matrix(&batch.returns, batch.rows(), &device),
+            device,
+        }
+    }
+}
+
+impl Problem<Mlp> for RecordedValue {
+    fn rows(&self) -> usize {
+        self.returns.dims()[0]
+    }
+
+    fn gradients(&mut self, value: &Mlp, minibatch: Vec<i32>) -> Result<(Tensor<1>, GradientsParams)> {
+        let rows = indices(minibatch, &self.device);
+        let take = |tensor: &Tensor<2>| tensor.clone().select(0, rows.clone());
+        let loss = (value.forward(take(&self.obs)) - take(&self.returns)).square().mean();
+        Ok((loss.clone().without_autodiff(), GradientsParams::from_grads(loss.backward(), value)))
+    }
+}
+
+/// `values` as `rows` rows.
+fn matrix(values: &[f32], rows: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [rows, values.len() / rows]), device)
+}
+
+fn indices(rows: Vec<i32>, device: &Device) -> Tensor<1, Int> {
+    let length = rows.len();
+    Tensor::from_data(TensorData::new(rows, [length]), device)
+}

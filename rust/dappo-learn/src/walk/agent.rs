@@ -1,0 +1,127 @@
+//! Who acts in a trial, and where the damage code of every step comes from.
+
+use dappo_sim::rng::{Purpose, Stream};
+use dappo_sim::vector_env::VectorEnv;
+
+use super::encoding::{another_class, fair_bit};
+use super::{Encoding, Event, KnownClasses};
+use crate::error::Result;
+use crate::evaluate::Policy;
+
+/// Chooses the actions of all robots of a trial.
+pub enum Agent<'a> {
+    /// A policy that observes no damage code.
+    Unaware(&'a dyn Policy),
+    /// A policy whose damage code is made of the damage in force.
+    Encoded(&'a dyn Policy, &'a KnownClasses, Encoding),
+    /// A policy with the damage code of a given class for each row of the trial, `[rows]`.
+    Given(&'a dyn Policy, &'a KnownClasses, &'a [usize]),
+    /// A controller that has to find out by itself.
+    Onboard(&'a mut dyn Onboard),
+}
+
+/// Chooses actions as the program of a real robot does: from observations and velocities alone.
+pub trait Onboard {
+    /// The next actions of all robots.
+    ///
+    /// # Shapes
+    /// - `obs`: `[N, O]`, without damage code; `forward_velocity`: `[N]`, m/s
+    /// - output: `[N, A]`
+    fn act(&mut self, obs: &[f32], forward_velocity: &[f64]) -> Result<Vec<f32>>;
+
+    /// What it has noticed and done since the last call.
+    fn take_events(&mut self) -> Vec<Event>;
+}
+
+/// The damage codes behind the observations of a trial's episodes.
+pub(super) struct Codes<'a> {
+    /// The code of each class.
+    table: &'a [Vec<f32>],
+    source: Source,
+}
+
+enum Source {
+    None,
+    /// The class in force.
+    InForce,
+    /// The class of each episode, `[N]`.
+    Held(Vec<usize>),
+    /// Fair bits from one stream an episode, `[N]`.
+    Noise(Vec<Stream>),
+}
+
+impl<'a> Agent<'a> {
+    /// The damage codes of episodes with these random keys and damage classes.
+    ///
+    /// # Shapes
+    /// - `keys`: `[N]`, `classes`: `[N]`, those of a row side by side
+    pub(super) fn codes(&self, keys: &[u64], classes: &[usize]) -> Codes<'a> {
+        // The episodes of one key, one in each class, share their start state but not their draws.
+        let streams = || {
+            let one = |(&key, &class): (&u64, &usize)| Stream::new(key, class as u64, Purpose::DamageCode);
+            keys.iter().zip(classes).map(one)
+        };
+        let (known, source) = match self {
+            Self::Unaware(_) | Self::Onboard(_) => return Codes { table: &[], source: Source::None },
+            Self::Encoded(_, known, encoding) => {
+                let source = match encoding {
+                    Encoding::True => Source::InForce,
+                    Encoding::Zero => Source::Held(vec![0; classes.len()]),
+                    Encoding::Wrong => {
+                        let other = |(mut stream, &class): (Stream, &usize)| {
+                            another_class(&mut stream, class, known.names.len())
+                        };
+                        Source::Held(streams().zip(classes).map(other).collect())
+                    }
+                    Encoding::Random => Source::Noise(streams().collect()),
+                };
+                (known, source)
+            }
+            Self::Given(_, known, given) => {
+                let episodes = classes.len() / given.len().max(1);
+                let held = given.iter().flat_map(|&class| std::iter::repeat_n(class, episodes));
+                (known, Source::Held(held.collect()))
+            }
+        };
+        Codes { table: &known.codes, source }
+    }
+
+    /// The actions of all robots, `[N, A]`.
+    pub(super) fn act(&mut self, codes: &mut Codes<'_>, env: &VectorEnv) -> Result<Vec<f32>> {
+        let buffers = env.buffers();
+        match self {
+            Self::Onboard(controller) => controller.act(&buffers.obs, &buffers.forward_velocity),
+            Self::Unaware(policy) => policy.mean_actions(&buffers.obs),
+            Self::Encoded(policy, ..) | Self::Given(policy, ..) => policy.mean_actions(&codes.append(env)),
+        }
+    }
+
+    /// What has happened since the last call.
+    pub(super) fn take_events(&mut self) -> Vec<Event> {
+        match self {
+            Self::Onboard(controller) => controller.take_events(),
+            _ => Vec::new(),
+        }
+    }
+}
+
+impl Codes<'_> {
+    /// The observations of all robots, each with its damage code behind it, `[N, O + code_length]`.
+    fn append(&mut self, env: &VectorEnv) -> Vec<f32> {
+        let (width, buffers) = (env.obs_dim(), env.buffers());
+        let code_length = self.table.first().map_or(0, Vec::len);
+        let mut rows = Vec::with_capacity(env.num_envs() * (width + code_length));
+        for (index, row) in buffers.obs.chunks_exact(width).enumerate() {
+            rows.extend_from_slice(row);
+            match &mut self.source {
+                Source::None => {}
+                Source::InForce => rows.extend_from_slice(&self.table[buffers.damage_class[index] as usize]),
+                Source::Held(classes) => rows.extend_from_slice(&self.table[classes[index]]),
+                Source::Noise(streams) => {
+                    rows.extend((0..code_length).map(|_| fair_bit(&mut streams[index])));
+                }
+            }
+        }
+        rows
+    }
+}

@@ -1,0 +1,304 @@
+//! Forward and backward pass of a tanh MLP with a linear output layer, a block of rows at a time.
+//!
+//! `sizes` is `[inputs, hidden…, outputs]`. Parameters lie in one array, layer by layer: the weight,
+//! row-major `[inputs, outputs]`, then the bias. Hidden activations of a block lie layer by layer.
+//!
+//! [`forward`] is for acting; [`MlpPass`] is for learning.
+
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+
+use super::Level;
+use super::elementwise::{bias_add, bias_tanh, column_sums, tanh_backward};
+use super::matmul::Destination::{Accumulate, Overwrite};
+use super::matmul::{Matrix, matmul};
+use super::reduce::add_in_order;
+
+/// Rows that go through the net at a time: their activations and gradients in a 100-200-100 net and its weights then
+/// fit into a core's second-level cache.
+const BLOCK: usize = 128;
+/// Gradients are summed in partitions of about a quarter of the minibatch, but no more and no fewer rows than these,
+/// and then in the order of the partitions. That depends on the minibatch alone, so the result does not depend on the
+/// number of threads.
+const PARTITION: [usize; 2] = [64, 512];
+
+/// Rows of a partition of a minibatch.
+fn partition_rows(rows: usize) -> usize {
+    let [fewest, most] = PARTITION;
+    rows.div_ceil(4).next_multiple_of(fewest).min(most)
+}
+
+/// Number of partitions of a minibatch, each of which sums a gradient of its own.
+#[must_use]
+pub fn partitions(rows: usize) -> usize {
+    rows.div_ceil(partition_rows(rows.max(1)))
+}
+
+/// Number of weights and biases of an MLP of these sizes; `None` if they cannot be counted.
+#[must_use]
+pub fn parameter_count(sizes: &[usize]) -> Option<usize> {
+    let layer = |pair: &[usize]| pair[0].checked_add(1)?.checked_mul(pair[1]);
+    sizes.windows(2).map(layer).try_fold(0_usize, |sum, count| sum.checked_add(count?))
+}
+
+/// Number of hidden activations of one row.
+#[must_use]
+pub fn hidden_width(sizes: &[usize]) -> usize {
+    sizes[1..sizes.len() - 1].iter().sum()
+}
+
+#[derive(Clone, Copy)]
+struct Layer<'a> {
+    inputs: usize,
+    outputs: usize,
+    weight: &'a [f32],
+    bias: &'a [f32],
+}
+
+impl Layer<'_> {
+    fn weight(&self) -> Matrix<'_> {
+        Matrix::new(self.weight, self.inputs, self.outputs)
+    }
+
+    /// The transpose of the weight as a matrix of its own, which products read faster.
+    fn transpose(&self) -> Transpose {
+        Transpose { data: self.weight().to_transposed(), rows: self.outputs, columns: self.inputs }
+    }
+}
+
+struct Transpose {
+    data: Vec<f32>,
+    rows: usize,
+    columns: usize,
+}
+
+impl Transpose {
+    fn view(&self) -> Matrix<'_> {
+        Matrix::new(&self.data, self.rows, self.columns)
+    }
+}
+
+fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
+    assert!(sizes.len() >= 2, "an MLP has an input and an output size");
+    assert_eq!(Some(parameters.len()), parameter_count(sizes), "parameters of an MLP of sizes {sizes:?}");
+    let mut layers = Vec::with_capacity(sizes.len() - 1);
+    for pair in sizes.windows(2) {
+        let (weight, rest) = parameters.split_at(pair[0] * pair[1]);
+        let (bias, rest) = rest.split_at(pair[1]);
+        layers.push(Layer { inputs: pair[0], outputs: pair[1], weight, bias });
+        parameters = rest;
+    }
+    layers
+}
+
+/// The gradients of one layer, cut off the front of `gradients`.
+#[expect(clippy::mut_mut, reason = "a cursor into a slice is a mutable reference to it")]
+fn split_layer<'a>(gradients: &mut &'a mut [f32], layer: &Layer<'_>) -> (&'a mut [f32], &'a mut [f32]) {
+    let (weight, rest) = std::mem::take(gradients).split_at_mut(layer.weight.len());
+    let (bias, rest) = rest.split_at_mut(layer.outputs);
+    *gradients = rest;
+    (weight, bias)
+}
+
+/// Sends one block through all layers; `hidden` receives the activations, `out` the result.
+fn forward_block(level: Level, layers: &[Layer<'_>], x: &[f32], mut hidden: &mut [f32], out: &mut [f32]) {
+    let rows = x.len() / layers[0].inputs;
+    let (last, inner) = layers.split_last().unwrap_or((&layers[0], &[]));
+    let mut input = x;
+    for layer in inner {
+        let (y, rest) = std::mem::take(&mut hidden).split_at_mut(rows * layer.outputs);
+        matmul(level, y, Overwrite, Matrix::new(input, rows, layer.inputs), layer.weight());
+        bias_tanh(level, y, layer.bias);
+        (input, hidden) = (y, rest);
+    }
+    matmul(level, out, Overwrite, Matrix::new(input, rows, last.inputs), last.weight());
+    bias_add(level, out, last.bias);
+}
+
+/// The MLP's output for every row of `x`.
+///
+/// # Shapes
+/// x `[N, inputs]`, parameters `[parameter_count(sizes)]`, out `[N, outputs]`
+///
+/// # Panics
+/// If a slice has another length.
+pub fn forward(level: Level, sizes: &[usize], parameters: &[f32], x: &[f32], out: &mut [f32]) {
+    let layers = layers(sizes, parameters);
+    let (inputs, outputs, width) = (sizes[0], sizes[sizes.len() - 1], hidden_width(sizes));
+    let rows = x.len() / inputs;
+    assert_eq!((x.len(), out.len()), (rows * inputs, rows * outputs), "input and output of an MLP");
+    x.par_chunks(BLOCK * inputs).zip(out.par_chunks_mut(BLOCK * outputs)).for_each_init(
+        || vec![0.0; BLOCK * width],
+        |hidden, (x, out)| {
+            let rows = x.len() / inputs;
+            forward_block(level, &layers, x, &mut hidden[..rows * width], out);
+        },
+    );
+}
+
+/// Buffers of one block.
+#[derive(Debug, Default)]
+struct Block {
+    x: Vec<f32>,
+    hidden: Vec<f32>,
+    out: Vec<f32>,
+    out_gradient: Vec<f32>,
+    /// These take turns as the gradient of a layer's output and input.
+    gradients: [Vec<f32>; 2],
+}
+
+/// The way of minibatches through an MLP and back: a block of rows goes forwards, through the loss and back while it
+/// is in cache. Buffers are made once and used again for every block and minibatch.
+#[derive(Debug)]
+pub struct MlpPass {
+    level: Level,
+    sizes: Vec<usize>,
+    /// Sums of the gradients of every partition; the first one becomes that of the minibatch.
+    sums: Vec<Vec<f32>>,
+    /// Those that no thread works with.
+    idle: Mutex<Vec<Block>>,
+}
+
+impl MlpPass {
+    /// Passes through MLPs of these sizes.
+    #[must_use]
+    pub fn new(level: Level, sizes: Vec<usize>) -> Self {
+        Self { level, sizes, sums: Vec::new(), idle: Mutex::default() }
+    }
+
+    /// What `of` says of the MLP's output, block by block, for the rows `order` of `data`. `of` receives the block's
+    /// part of `order` and the output there.
+    ///
+    /// # Shapes
+    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `of`: `[B]`, `[B, outputs]`
+    ///
+    /// # Panics
+    /// If there are not as many parameters, or a row lies outside of the data.
+    pub fn evaluate<T: Send>(
+        &self,
+        parameters: &[f32],
+        data: &[f32],
+        order: &[i32],
+        of: impl Fn(&[i32], &[f32]) -> T + Sync,
+    ) -> Vec<T> {
+        let layers = layers(&self.sizes, parameters);
+        order
+            .par_chunks(BLOCK)
+            .map(|order| {
+                let mut block = self.take_block();
+                block.forward(self.level, &layers, data, order);
+                let answer = of(order, &block.out);
+                self.give_back(block);
+                answer
+            })
+            .collect()
+    }
+
+    /// The gradient of the parameters, laid out as they are, and what `loss` says of each block of the rows `order`
+    /// of `data`. `loss` receives the block's part of `order` and the output there, and writes the gradient of the
+    /// output.
+    ///
+    /// # Shapes
+    /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `loss`: `[B]`, `[B, outputs]`,
+    /// `[B, outputs]`; returns `[blocks]`, `[parameter_count(sizes)]`
+    ///
+    /// # Panics
+    /// If there are not as many parameters, or a row lies outside of the data.
+    pub fn gradient<T: Send>(
+        &mut self,
+        parameters: &[f32],
+        data: &[f32],
+        order: &[i32],
+        loss: impl Fn(&[i32], &[f32], &mut [f32]) -> T + Sync,
+    ) -> (Vec<T>, &[f32]) {
+        let mut sums = std::mem::take(&mut self.sums);
+        let partition = partition_rows(order.len());
+        let used = order.len().div_ceil(partition).max(1);
+        sums.resize_with(sums.len().max(used), Vec::new);
+        let layers = layers(&self.sizes, parameters);
+        let transposes: Vec<Transpose> = layers.par_iter().map(Layer::transpose).collect();
+        let answers: Vec<Vec<T>> = order
+            .par_chunks(partition)
+            .zip(&mut sums)
+            .map(|(order, sum)| {
+                sum.resize(parameters.len(), 0.0);
+                sum.fill(0.0);
+                let mut block = self.take_block();
+                let answers = order.chunks(BLOCK).map(|order| {
+                    block.forward(self.level, &layers, data, order);
+                    block.out_gradient.resize(block.out.len(), 0.0);
+                    let answer = loss(order, &block.out, &mut block.out_gradient);
+                    block.backward(self.level, &layers, &transposes, sum);
+                    answer
+                });
+                let answers = answers.collect();
+                self.give_back(block);
+                answers
+            })
+            .collect();
+        let (first, rest) = sums[..used].split_at_mut(1);
+        add_in_order(&mut first[0], &rest.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        self.sums = sums;
+        (answers.into_iter().flatten().collect(), &self.sums[0])
+    }
+
+    fn take_block(&self) -> Block {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    fn give_back(&self, block: Block) {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(block);
+    }
+}
+
+impl Block {
+    /// Sends some rows of `data` forwards.
+    fn forward(&mut self, level: Level, layers: &[Layer<'_>], data: &[f32], order: &[i32]) {
+        let (inputs, outputs) = (layers[0].inputs, layers[layers.len() - 1].outputs);
+        let width: usize = layers[1..].iter().map(|layer| layer.inputs).sum();
+        self.x.resize(order.len() * inputs, 0.0);
+        self.hidden.resize(order.len() * width, 0.0);
+        self.out.resize(order.len() * outputs, 0.0);
+        for (row, index) in self.x.chunks_exact_mut(inputs).zip(order) {
+            row.copy_from_slice(&data[*index as usize * inputs..][..inputs]);
+        }
+        forward_block(level, layers, &self.x, &mut self.hidden, &mut self.out);
+    }
+
+    /// Adds the gradients of the parameters to `sum`; `transposes` are those of the layers' weights.
+    fn backward(
+        &mut self,
+        level: Level,
+        layers: &[Layer<'_>],
+        transposes: &[Transpose],
+        mut sum: &mut [f32],
+    ) {
+        let rows = self.x.len() / layers[0].inputs;
+        let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut sum, layer)).collect();
+        let [mut current, mut next] = self.gradients.each_mut();
+        let mut hidden = self.hidden.as_slice();
+        for (index, layer) in layers.iter().enumerate().rev() {
+            let gradient = if index + 1 == layers.len() {
+                column_sums(level, &self.out_gradient, sums[index].1);
+                &self.out_gradient
+            } else {
+                &*current
+            };
+            let gradient = Matrix::new(gradient, rows, layer.outputs);
+            if index == 0 {
+                let x = Matrix::new(&self.x, rows, layer.inputs);
+                matmul(level, sums[0].0, Accumulate, x.transposed(), gradient);
+                return;
+            }
+            let (rest, input) = hidden.split_at(hidden.len() - rows * layer.inputs);
+            hidden = rest;
+            let input_matrix = Matrix::new(input, rows, layer.inputs);
+            matmul(level, sums[index].0, Accumulate, input_matrix.transposed(), gradient);
+            next.resize(rows * layer.inputs, 0.0);
+            matmul(level, next, Overwrite, gradient, transposes[index].view());
+            tanh_backward(level, next, input, sums[index - 1].1);
+            std::mem::swap(&mut current, &mut next);
+        }
+    }
+}

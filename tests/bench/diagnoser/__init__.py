@@ -1,0 +1,139 @@
+"""``python -m tests.bench.diagnoser``: training the self-diagnose network, here and in PyTorch.
+
+Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
+busy or throttled machine too; the absolute numbers are those of the moment.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from dappo_batch._core import ConfigError
+from dappo_batch.bench import Missing
+from dappo_batch.machine import cores, describe
+from dappo_batch.robots import load_robot
+
+from ..entry import enter, rotated
+from ..limits import limited_to
+from ..products import Products
+from .data import collect
+from .report import Cell, DiagnoserReport, Round, cell_of
+from .task import Task
+from .trainers import Ours, Sample, Torch, TorchFolded, Trainer
+
+__all__ = ["TRAINERS", "DiagnoserReport", "Trainer", "run"]
+
+TRAINERS: tuple[type[Trainer], ...] = (Ours, Torch, TorchFolded)
+"""Everything that may be measured; a new contender is a class like those here."""
+
+_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
+
+
+def run(
+    robot: str = "ant",
+    *,
+    minibatches: Sequence[int] = (64, 256),
+    timesteps: int = 50,
+    rollouts: int = 100,
+    threads: Sequence[int] | None = None,
+    epochs: int = 2,
+    rounds: int = 5,
+    seconds: float = 2.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> DiagnoserReport:
+    """Measure how fast the diagnoser trains, with every number of threads and every size of minibatch.
+
+    Parameters
+    ----------
+    robot : str
+        Name of a robot or path of a robot TOML.
+    minibatches : sequence of int
+        Samples of a minibatch B.
+    timesteps : int
+        Steps of a window, T.
+    rollouts : int
+        Rollouts that are trained on, each with a sample of every damage class.
+    threads : sequence of int, optional
+        Threads of each contender; one, and all cores, if left out.
+    epochs : int
+        Epochs of a sample, after one that is not counted.
+    rounds : int
+        Samples a contender.
+    seconds : float
+        Least length of a sample of the machine's rate of products, s.
+    progress : callable, optional
+        Told what happens, for example ``print``.
+
+    Returns
+    -------
+    DiagnoserReport
+        The numbers, and what could not be measured and why.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is out of range or the robot unknown.
+    SimulationError
+        If the data cannot be made, or a contender fails after it has begun.
+    """
+    threads = sorted({1, cores()}) if threads is None else threads
+    counts = {"timesteps": [timesteps], "rollouts": [rollouts], "epochs": [epochs], "rounds": [rounds]}
+    for name, values in {"minibatch": minibatches, "threads": threads, **counts}.items():
+        if min(values, default=0) < 1:
+            raise ConfigError(f"{name} must be at least 1, got {min(values, default='nothing')}")
+    if not 0.0 < seconds < float("inf"):
+        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    name, described = load_robot(robot).name, describe()
+    with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
+        progress("collecting the data")
+        data = collect(robot, rollouts + 1, timesteps, max(threads), Path(folder))
+        sizes = (str(data.folder), rollouts, data.classes, timesteps, data.inputs)
+        tasks = [Task(count, minibatch, *sizes) for count in threads for minibatch in minibatches]
+        measured = [_measure(task, epochs, rounds, seconds, progress) for task in tasks]
+    return DiagnoserReport(
+        machine=described,
+        settings={"robot": name}
+        | _settings(tasks[0])
+        | {"epochs": epochs, "rounds": rounds, "seconds": seconds},
+        cells=tuple(cell for cell, _ in measured),
+        missing=tuple(dict.fromkeys(one for _, missing in measured for one in missing)),
+    )
+
+
+def _settings(task: Task) -> dict[str, Any]:
+    """Return what all tasks have in common."""
+    settings = asdict(task) | {"samples": task.samples}
+    for name in ("threads", "minibatch", "data"):
+        del settings[name]
+    return settings
+
+
+def _measure(
+    task: Task, epochs: int, rounds: int, seconds: float, progress: Callable[[str], None]
+) -> tuple[Cell, list[Missing]]:
+    """Measure everybody `rounds` times at one task; the order rotates."""
+    found = []
+    with limited_to(task.threads), ExitStack() as entered:
+        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
+        for trainer in trainers:
+            entered.callback(trainer.close)
+        products = entered.enter_context(closing(Products(task.threads)))
+        for number in range(rounds):
+            where = f"{task.threads} threads, minibatch {task.minibatch}, round {number + 1} of {rounds}"
+            progress(f"{where}: the machine")
+            time.sleep(_PAUSE)
+            sgemm = products.measure(seconds)
+            samples: dict[str, Sample] = {}
+            for trainer in rotated(trainers, number):
+                progress(f"{where}: {trainer.key}")
+                time.sleep(_PAUSE)
+                samples[trainer.key] = trainer.train(epochs)
+            found.append(Round(sgemm, samples))
+    return cell_of(task, found, trainers, products.note), missing

@@ -1,0 +1,32 @@
+"""``python -m tests.bench.diagnoser``."""
+
+import argparse
+from collections.abc import Sequence
+
+from ..entry import print_report
+from . import run
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Measure, and print what was found."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.diagnoser",
+        description="Samples per second of training the self-diagnose network beside PyTorch.",
+        argument_default=argparse.SUPPRESS,
+    )
+    add = parser.add_argument
+    add("--robot", metavar="NAME|FILE", help="robot to diagnose [default: ant]")
+    minibatch = "samples of a minibatch, one or several numbers [default: 64 256]"
+    add("--minibatch", dest="minibatches", type=int, nargs="+", metavar="B", help=minibatch)
+    add("--timesteps", type=int, metavar="T", help="steps of a window [default: 50]")
+    add("--rollouts", type=int, metavar="N", help="rollouts to train on [default: 100]")
+    add("--epochs", type=int, metavar="N", help="epochs of a sample [default: 2]")
+    threads = "threads of each contender, one or several numbers [default: 1 and all cores]"
+    add("--threads", type=int, nargs="+", metavar="N", help=threads)
+    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
+    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
+    print_report(run, parser, argv)
+
+
+if __name__ == "__main__":
+    main()

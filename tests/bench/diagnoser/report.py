@@ -1,0 +1,212 @@
+"""What a benchmark of the diagnoser's training found, as a table for people and as JSON for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from dappo_batch import machine
+from dappo_batch.bench import Missing
+from dappo_batch.bench.measure import Spread, align
+
+from ..products import gflops
+from .task import Task
+from .trainers import Sample, Torch, TorchFolded, Trainer
+
+__all__ = ["PEERS", "Cell", "DiagnoserReport", "Result", "Round", "cell_of"]
+
+PEERS = (Torch.key, TorchFolded.key)
+"""Keys of the contenders that all others are compared with, where they could be measured."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """A sample of everything, taken one after the other.
+
+    Attributes
+    ----------
+    sgemm : float
+        Floating-point operations per second in products of float32 matrices.
+    samples : dict
+        What each contender did, by its key.
+    """
+
+    sgemm: float
+    samples: dict[str, Sample]
+
+
+@dataclass(frozen=True)
+class Result:
+    """One contender's numbers in one cell.
+
+    Attributes
+    ----------
+    rate : Spread
+        Samples trained on per second.
+    loss : Spread
+        Mean cross-entropy of the last epoch of a sample.
+    ratios : dict
+        `rate` in terms of each of `PEERS` that was measured, compared round by round.
+    over_bound : Spread
+        Time in terms of the bound, compared round by round.
+    """
+
+    key: str
+    about: str
+    note: str
+    rate: Spread
+    loss: Spread
+    ratios: dict[str, Spread]
+    over_bound: Spread
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Everybody's numbers with one number of threads and one size of minibatch.
+
+    Attributes
+    ----------
+    sgemm : Spread
+        Floating-point operations per second in products of float32 matrices.
+    sgemm_note : str
+        Who multiplied them.
+    folded_flops, plain_flops : float
+        Operations that a sample takes, see `Task`; the former make the bound.
+    results : tuple of Result
+        The measured contenders.
+    """
+
+    threads: int
+    minibatch: int
+    sgemm: Spread
+    sgemm_note: str
+    folded_flops: float
+    plain_flops: float
+    results: tuple[Result, ...]
+
+
+def cell_of(task: Task, rounds: Sequence[Round], trainers: Sequence[Trainer], sgemm_note: str) -> Cell:
+    """Summarise the rounds of a task."""
+    return Cell(
+        threads=task.threads,
+        minibatch=task.minibatch,
+        sgemm=Spread.of([one.sgemm for one in rounds]),
+        sgemm_note=sgemm_note,
+        folded_flops=task.folded_flops,
+        plain_flops=task.plain_flops,
+        results=tuple(_result(task, rounds, trainer) for trainer in trainers),
+    )
+
+
+def _result(task: Task, rounds: Sequence[Round], trainer: Trainer) -> Result:
+    def spread(number: Callable[[Round, Sample], float]) -> Spread:
+        return Spread.of([number(one, one.samples[trainer.key]) for one in rounds])
+
+    return Result(
+        key=trainer.key,
+        about=trainer.about,
+        note=trainer.note,
+        rate=spread(lambda _, own: own.rate),
+        loss=spread(lambda _, own: own.loss),
+        ratios={
+            peer: Spread.of([one.samples[trainer.key].rate / one.samples[peer].rate for one in rounds])
+            for peer in PEERS
+            if peer in rounds[0].samples
+        },
+        over_bound=spread(lambda one, own: one.sgemm / (own.rate * task.folded_flops)),
+    )
+
+
+@dataclass(frozen=True)
+class DiagnoserReport:
+    """Everything that one call of ``python -m tests.bench.diagnoser`` found.
+
+    Attributes
+    ----------
+    machine : dict
+        Processor, cores, load average before the first sample, versions.
+    settings : dict
+        Robot, network, data, epochs a sample, seconds of a sample of the machine, rounds.
+    cells : tuple of Cell
+        The numbers.
+    missing : tuple of Missing
+        The contenders that were not measured, and why.
+    """
+
+    machine: dict[str, Any]
+    settings: dict[str, Any]
+    cells: tuple[Cell, ...]
+    missing: tuple[Missing, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON can hold it."""
+        return asdict(self)
+
+    def text(self) -> str:
+        """Return everything as a text for people."""
+        parts = (self._head(), self._table(), self._legend(), self._missing(), self._bound())
+        return "\n\n".join(part for part in parts if part)
+
+    def _head(self) -> str:
+        one = self.settings
+        widths = "-".join(map(str, (one["embedding"], one["lstm"], *one["hidden"], one["classes"])))
+        return (
+            f"{machine.text(self.machine)}\n"
+            f"training the diagnoser of robot {one['robot']}: {widths} units on windows of "
+            f"{one['timesteps']} steps x {one['inputs']} numbers\n"
+            f"{one['rounds']} rounds of {one['epochs']} epochs of {one['samples']} samples, medians (lowest "
+            "to highest)"
+        )
+
+    def _table(self) -> str:
+        peers = [peer for peer in PEERS if peer in self.cells[0].results[0].ratios]
+        head = ["", "threads", "minibatch", "samples/s", *(f"speed / {peer}" for peer in peers)]
+        rows = [[*head, "loss", "time / bound"]]
+        rows += [
+            [
+                one.key,
+                str(cell.threads),
+                str(cell.minibatch),
+                one.rate.text(",.0f"),
+                *(one.ratios[peer].text(".2f") for peer in peers),
+                f"{one.loss.median:.2f}",
+                one.over_bound.text(".2f"),
+            ]
+            for cell in self.cells
+            for one in cell.results
+        ]
+        return align(rows)
+
+    def _legend(self) -> str:
+        about = {one.key: one.about for cell in self.cells for one in cell.results}
+        width = max(map(len, about), default=0)
+        lines = [f"{key.ljust(width)}  {text}" for key, text in about.items()]
+        lines += [
+            f"{one.key}, {cell.threads} threads, minibatch {cell.minibatch}: {one.note}"
+            for cell in self.cells
+            for one in cell.results
+            if one.note
+        ]
+        return "\n".join(lines)
+
+    def _missing(self) -> str:
+        return "\n".join(map(str, self.missing))
+
+    def _bound(self) -> str:
+        head = ["bound = sgemm / operations", "threads", "minibatch", "sgemm Gflop/s", "samples/s"]
+        rows = [[*head, "Mflop a sample", "layer by layer"]]
+        rows += [
+            [
+                "",
+                str(cell.threads),
+                str(cell.minibatch),
+                gflops(cell.sgemm),
+                f"{cell.sgemm.median / cell.folded_flops:,.0f}",
+                f"{cell.folded_flops / 1e6:.2f}",
+                f"{cell.plain_flops / 1e6:.2f}",
+            ]
+            for cell in self.cells
+        ]
+        notes = dict.fromkeys(cell.sgemm_note for cell in self.cells)
+        return f"{align(rows)}\nsgemm: {'; '.join(notes)}"

@@ -1,0 +1,153 @@
+"""What ``python -m tests.bench.diagnoser`` measures, as the process that measures sees it."""
+
+from __future__ import annotations
+
+import tempfile
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from dappo_batch._core import SimulationError
+from dappo_batch.bench.contenders import Unavailable
+
+from ..commands import TrainingFailed, command_line, read_metrics
+from ..entry import Entrant
+from ..worker import Worker, WorkerFailed
+from .task import Task
+
+__all__ = ["Ours", "Sample", "Torch", "TorchFolded", "Trainer", "sample_of"]
+
+# Nothing is validated on but the one rollout that the task has for it.
+_SHARE_OF_ONE_ROLLOUT = 1e-9
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A few epochs of one contender.
+
+    Attributes
+    ----------
+    samples : int
+        Windows trained on, over all epochs.
+    seconds : float
+        Elapsed time.
+    loss : float
+        Mean cross-entropy of the last epoch, with dropout.
+    """
+
+    samples: int
+    seconds: float
+    loss: float
+
+    @property
+    def rate(self) -> float:
+        """Windows trained on per second."""
+        return self.samples / self.seconds
+
+
+class Trainer(Entrant, ABC):
+    """A way to train the network."""
+
+    def __init__(self, task: Task) -> None:
+        self.require()
+        self._task = task
+
+    @abstractmethod
+    def train(self, epochs: int) -> Sample:
+        """Train new weights for one epoch, which is not counted, and `epochs` more."""
+
+
+class Ours(Trainer):
+    """``dappo-batch diagnose train``, a process for each sample."""
+
+    key = "ours"
+    about = "dappo-batch diagnose train"
+
+    def train(self, epochs: int) -> Sample:
+        """Train new weights for one epoch, which is not counted, and `epochs` more."""
+        task = self._task
+        try:
+            with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
+                out = Path(folder) / "diagnoser"
+                arguments = ["diagnose", "train", task.data, "--out", str(out), "--json"]
+                arguments += ["--threads", str(task.threads), "--set", *self.settings(epochs + 1)]
+                command_line(arguments, task.threads)
+                return sample_of(read_metrics(out))
+        except TrainingFailed as error:
+            raise SimulationError(f"{self.key}: {error}") from error
+
+    def settings(self, epochs: int) -> list[str]:
+        """Return the values of ``--set`` for `epochs` epochs, none of which patience leaves out."""
+        task = self._task
+        return [
+            "method=B",
+            "head=classes",
+            "schedule=constant",
+            f"seed={task.seed}",
+            f"timesteps={task.timesteps}",
+            f"validation_fraction={_SHARE_OF_ONE_ROLLOUT}",
+            f"embedding={task.embedding}",
+            f"lstm={task.lstm}",
+            f"hidden={list(task.hidden)}",
+            f"dropout={task.dropout}",
+            f"learning_rate={task.learning_rate}",
+            f"minibatch_size={task.minibatch}",
+            f"epochs={epochs}",
+            f"patience={epochs}",
+        ]
+
+
+def sample_of(metrics: tuple[dict[str, Any], ...]) -> Sample:
+    """Sum up the epochs of a training without the first, in which pages are touched."""
+    first, *epochs = metrics
+    if not epochs:
+        raise TrainingFailed("the training has one epoch only, which warms up")
+    try:
+        return Sample(
+            samples=int(epochs[-1]["samples"]) - int(first["samples"]),
+            seconds=sum(float(epoch["seconds"]) for epoch in epochs),
+            loss=float(epochs[-1]["train_loss"]),
+        )
+    except KeyError as error:
+        raise TrainingFailed(f"metrics.jsonl does not say it: {error}") from error
+
+
+class Torch(Trainer):
+    """The same network in PyTorch, kept warm in a process of its own."""
+
+    key = "torch"
+    about = "PyTorch's layers, as the network is written"
+    packages: ClassVar[dict[str, str]] = {"torch": "torch"}
+    program: ClassVar[str] = "tests.bench.diagnoser.torch_network:TorchDiagnoser"
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        try:
+            self._worker = Worker(self.program, task)
+        except WorkerFailed as error:
+            raise Unavailable(str(error)) from error
+        self.note = self._worker.note
+
+    def train(self, epochs: int) -> Sample:
+        """Train new weights for one epoch, which is not counted, and `epochs` more."""
+        try:
+            answer = self._worker.ask(epochs)
+        except WorkerFailed as error:
+            self.close()
+            raise SimulationError(f"{self.key}: {error}") from error
+        return Sample(**answer)
+
+    def close(self) -> None:
+        """Free processes and memory."""
+        self._worker.close()
+
+
+class TorchFolded(Torch):
+    """The same with the embedding folded into the LSTM's gates, as ours does."""
+
+    key = "torch folded"
+    about = (
+        "PyTorch, its embedding folded into the LSTM's gates by hand: the same function in fewer operations"
+    )
+    program = "tests.bench.diagnoser.torch_network:FoldedTorchDiagnoser"

@@ -1,0 +1,95 @@
+"""Who takes part in a benchmark: what can be made here, and what cannot and why."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, TypeVar
+
+from dappo_batch.bench import Missing
+from dappo_batch.bench.contenders import Unavailable
+
+__all__ = ["Entrant", "enter", "print_report", "rotated"]
+
+T = TypeVar("T")
+
+
+class Entrant:
+    """Something that may need packages beyond those of this project.
+
+    Attributes
+    ----------
+    key : str
+        Name in tables and JSON.
+    about : str
+        What it is.
+    packages : dict
+        What it needs beyond this package: name to import, name to install.
+    note : str
+        Remarks on this very run, such as the version that was measured.
+    """
+
+    key: ClassVar[str]
+    about: ClassVar[str]
+    packages: ClassVar[dict[str, str]] = {}
+    note: str = ""
+
+    @classmethod
+    def require(cls) -> None:
+        """Raise `Unavailable` if a package is missing."""
+        lacking = [name for module, name in cls.packages.items() if importlib.util.find_spec(module) is None]
+        if lacking:
+            verb = "is" if len(lacking) == 1 else "are"
+            names = " and ".join(lacking)
+            raise Unavailable(f"{names} {verb} not installed", f"pip install {' '.join(lacking)}")
+
+    def close(self) -> None:
+        """Free processes and memory."""
+
+
+def enter(
+    makers: Mapping[str, Callable[[], T]], progress: Callable[[str], None]
+) -> tuple[list[T], list[Missing]]:
+    """Make everything that can run here, and say why the rest cannot.
+
+    Parameters
+    ----------
+    makers : mapping
+        From the key of a contender to what makes it or raises `Unavailable`.
+    progress : callable
+        Told what is made.
+    """
+    made: list[T] = []
+    missing: list[Missing] = []
+    for key, make in makers.items():
+        progress(f"making {key}")
+        try:
+            made.append(make())
+        except Unavailable as reason:
+            missing.append(Missing(key, str(reason), reason.install))
+    return made, missing
+
+
+def rotated(entrants: Sequence[T], number: int) -> list[T]:
+    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
+    shift = number % max(1, len(entrants))
+    return [*entrants[shift:], *entrants[:shift]]
+
+
+def print_report(
+    run: Callable[..., Any], parser: argparse.ArgumentParser, argv: Sequence[str] | None = None
+) -> None:
+    """Run a benchmark with the arguments of a command line and print its report, as JSON with ``--json``."""
+    parser.add_argument("--json", action="store_true", default=False, help="print JSON")
+    arguments = vars(parser.parse_args(argv))
+    as_json = arguments.pop("json")
+    report = run(**arguments, progress=_progress)
+    print(json.dumps(report.to_dict(), indent=2) if as_json else report.text())
+
+
+def _progress(what: str) -> None:
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,30 @@
+"""Bounds on the processor time of contenders: threads of linear algebra, and cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def thread_limits(threads: int) -> dict[str, str]:
+    """Return the environment variables that size the thread pools of linear algebra in a new process."""
+    pools = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return dict.fromkeys(pools, str(threads))
+
+
+@contextmanager
+def limited_to(threads: int) -> Iterator[None]:
+    """Let this process and those that it starts run on `threads` cores, where the system can do that.
+
+    Variables and arguments do not reach everything: a contender may start processes of its own.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, set(sorted(allowed)[:threads]))
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)

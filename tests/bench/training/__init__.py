@@ -1,0 +1,139 @@
+"""``python -m tests.bench.training``: env steps per second of complete PPO training beside other libraries.
+
+Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
+busy or throttled machine too; the absolute numbers are those of the moment.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+from dappo_batch._core import ConfigError
+from dappo_batch.bench.measure import Spread
+from dappo_batch.machine import cores, describe
+
+from ..entry import enter, rotated
+from ..limits import limited_to
+from .bound import Machine, Rates
+from .report import Round, TrainingReport, results
+from .task import Task
+from .trainers import (
+    AsConfigured,
+    EnvPoolTorch,
+    Lanes,
+    Mujoco,
+    Sample,
+    StableBaselines,
+    Trainer,
+)
+
+__all__ = ["TRAINERS", "Trainer", "TrainingReport", "run"]
+
+TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
+"""Everything that may be measured; a new contender is a class like those here."""
+
+_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
+
+
+def run(
+    *,
+    num_envs: int = 16,
+    horizon: int = 512,
+    threads: int | None = None,
+    iterations: int = 3,
+    rounds: int = 5,
+    seconds: float = 2.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> TrainingReport:
+    """Measure the training of this package beside that of every other library that is installed.
+
+    Parameters
+    ----------
+    num_envs, horizon : int
+        Environments N, and env steps T of each in one iteration.
+    threads : int, optional
+        Threads of each contender; all cores if left out.
+    iterations : int
+        Iterations of a sample.
+    rounds : int
+        Samples a contender.
+    seconds : float
+        Least length of a sample of the machine's rates, s.
+    progress : callable, optional
+        Told what happens, for example ``print``.
+
+    Returns
+    -------
+    TrainingReport
+        The numbers, and what could not be measured and why.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is out of range.
+    SimulationError
+        If a contender fails after it has begun.
+    """
+    task = Task(cores() if threads is None else threads, num_envs, horizon)
+    counts = {"envs": num_envs, "horizon": horizon, "threads": task.threads}
+    for name, value in {**counts, "iterations": iterations, "rounds": rounds}.items():
+        if value < 1:
+            raise ConfigError(f"{name} must be at least 1, got {value}")
+    if not 0.0 < seconds < float("inf"):
+        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    described = describe()
+    with limited_to(task.threads):
+        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
+        try:
+            machine = Machine(task)
+            try:
+                measured = _measure(machine, trainers, iterations, rounds, seconds, progress)
+            finally:
+                machine.close()
+        finally:
+            for trainer in trainers:
+                trainer.close()
+    return TrainingReport(
+        machine=described,
+        settings=_settings(task) | {"iterations": iterations, "rounds": rounds, "seconds": seconds},
+        results=results(measured, trainers),
+        missing=tuple(missing),
+        sgemm=Spread.of([one.rates.sgemm for one in measured]),
+        sgemm_note=machine.note,
+        physics={
+            key: Spread.of([one.rates.physics[key] for one in measured]) for key in measured[0].rates.physics
+        },
+    )
+
+
+def _settings(task: Task) -> dict[str, Any]:
+    settings = asdict(task) | {"minibatch": task.minibatch}
+    del settings["minibatch_rows"]
+    return settings
+
+
+def _measure(
+    machine: Machine,
+    trainers: Sequence[Trainer],
+    iterations: int,
+    rounds: int,
+    seconds: float,
+    progress: Callable[[str], None],
+) -> list[Round]:
+    """Measure everything `rounds` times; the order of the trainers rotates."""
+    found = []
+    for number in range(rounds):
+        progress(f"round {number + 1} of {rounds}: the machine")
+        time.sleep(_PAUSE)
+        rates: Rates = machine.measure(seconds)
+        samples: dict[str, Sample] = {}
+        for trainer in rotated(trainers, number):
+            progress(f"round {number + 1} of {rounds}: {trainer.key}")
+            time.sleep(_PAUSE)
+            samples[trainer.key] = trainer.train(iterations)
+        found.append(Round(rates, samples))
+    return found

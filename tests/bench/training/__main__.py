@@ -1,0 +1,28 @@
+"""``python -m tests.bench.training``."""
+
+import argparse
+from collections.abc import Sequence
+
+from ..entry import print_report
+from . import run
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Measure, and print what was found."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.training",
+        description="Env steps per second of PPO training on the healthy Ant beside other libraries.",
+        argument_default=argparse.SUPPRESS,
+    )
+    add = parser.add_argument
+    add("--envs", dest="num_envs", type=int, metavar="N", help="environments [default: 16]")
+    add("--horizon", type=int, metavar="T", help="env steps of an iteration [default: 512]")
+    add("--iterations", type=int, metavar="N", help="iterations of a sample [default: 3]")
+    add("--threads", type=int, metavar="N", help="threads of each contender [default: all cores]")
+    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
+    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
+    print_report(run, parser, argv)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""What ``python -m tests.bench.training`` measures, as the process that measures sees it."""
+
+from __future__ import annotations
+
+import tomllib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from dappo_batch._core import SimulationError
+from dappo_batch.bench.contenders import Unavailable
+
+from .. import commands
+from ..commands import TrainingFailed, TrainingRun
+from ..entry import Entrant
+from ..worker import Worker, WorkerFailed
+from .task import Task, pass_flops
+
+__all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A few iterations of one contender.
+
+    Attributes
+    ----------
+    iterations : int
+        Iterations, each a rollout and an update.
+    env_steps : int
+        Env steps over all envs.
+    rollout_seconds, update_seconds : float
+        Elapsed time of all iterations.
+    update_flops : float
+        Floating-point operations that their updates need at least, see `pass_flops`.
+    """
+
+    iterations: int
+    env_steps: int
+    rollout_seconds: float
+    update_seconds: float
+    update_flops: float
+
+    @property
+    def seconds(self) -> float:
+        """Elapsed time."""
+        return self.rollout_seconds + self.update_seconds
+
+    @property
+    def rate(self) -> float:
+        """Env steps of complete training per second."""
+        return self.env_steps / self.seconds
+
+
+class Trainer(Entrant, ABC):
+    """A way to train.
+
+    Attributes
+    ----------
+    physics : str
+        The contender of `dappo_batch.bench` whose env steps per second bound its rollout.
+    num_envs, horizon : int
+        Size of its batch.
+    """
+
+    physics: ClassVar[str] = "mj_step"
+    num_envs: int
+    horizon: int
+
+    def __init__(self, task: Task) -> None:
+        self.require()
+        self.num_envs, self.horizon = task.num_envs, task.horizon
+
+    @abstractmethod
+    def train(self, iterations: int) -> Sample:
+        """Train for some iterations, without a warm-up among them."""
+
+
+# A run ends with an evaluation, which nobody measures; with fewer damage classes it is shorter. The training
+# has the healthy class only and does not change.
+_SHORT_END = ("evaluation.episodes=1", "damage.max_damaged_limbs=1")
+
+
+class Ours(Trainer):
+    """``dappo-batch train``, a process for each sample; its first iteration is not counted."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._threads = task.threads
+        self._arguments = ["--robot", "ant", "--healthy", "--reward", "gym", "--threads", str(task.threads)]
+        self._arguments += [*self.options(task), "--set", *self.settings(task), *_SHORT_END]
+        try:
+            config = tomllib.loads(commands.command_line(["config", *self._arguments], task.threads))
+        except TrainingFailed as error:
+            raise Unavailable(str(error)) from error
+        self.num_envs, self.horizon = config["env"]["num_envs"], config["horizon"]
+
+    @abstractmethod
+    def options(self, task: Task) -> list[str]:
+        """Arguments of ``train`` that differ between these contenders."""
+
+    def settings(self, task: Task) -> list[str]:
+        """Values of ``--set``.
+
+        The value net is trained on the current and the previous batch, so half the epochs give it as many
+        rows as the policy. No epoch is skipped for a large KL divergence.
+        """
+        return [
+            "ppo.preset=paper",
+            f"horizon={task.horizon}",
+            f"seed={task.seed}",
+            f"ppo.hidden={list(task.hidden)}",
+            f"ppo.gamma={task.gamma}",
+            f"ppo.gae_lambda={task.gae_lambda}",
+            f"ppo.clip_range={task.clip_range}",
+            f"ppo.learning_rate={task.learning_rate}",
+            f"ppo.epochs={task.epochs}",
+            f"ppo.value_epochs={task.epochs // 2}",
+            f"ppo.minibatch_size={task.minibatch}",
+            f"ppo.value_minibatch_size={task.minibatch}",
+            "ppo.kl_stop=1e9",
+        ]
+
+    def train(self, iterations: int) -> Sample:
+        """Train for some iterations, without a warm-up among them."""
+        steps = (iterations + 1) * self.num_envs * self.horizon
+        try:
+            run = commands.train([*self._arguments, f"total_steps={steps}"], self._threads)
+            return sample_of(run)
+        except TrainingFailed as error:
+            raise SimulationError(f"{self.key}: {error}") from error
+
+
+def sample_of(run: TrainingRun) -> Sample:
+    """Sum up a run without its first iteration, in which pages are touched and there is no previous batch."""
+    rows, config, shapes = run.metrics[1:], run.config, run.learner
+    if not rows:
+        raise TrainingFailed("the run has one iteration only, which warms up")
+    try:
+        batch = int(config["env"]["num_envs"]) * int(config["horizon"])
+        inputs, hidden, outputs = int(shapes["obs_dim"]), list(shapes["hidden"]), int(shapes["action_dim"])
+        policy_rows = batch * sum(int(row["epochs_run"]) for row in rows)
+        value_rows = 2 * batch * int(config["ppo"]["value_epochs"]) * len(rows)
+        policy, value = pass_flops([inputs, *hidden, outputs]), pass_flops([inputs, *hidden, 1])
+        return Sample(
+            iterations=len(rows),
+            env_steps=int(rows[-1]["env_steps"]) - int(run.metrics[0]["env_steps"]),
+            rollout_seconds=sum(float(row["rollout_seconds"]) for row in rows),
+            update_seconds=sum(float(row["update_seconds"]) for row in rows),
+            update_flops=float(policy_rows * policy + value_rows * value),
+        )
+    except KeyError as error:
+        raise TrainingFailed(f"the run folder does not say it: {error}") from error
+
+
+class Lanes(Ours):
+    """``dappo-batch train`` with the lane engine."""
+
+    key = "ours lanes"
+    about = "dappo-batch train --backend lanes"
+    physics = "lanes f32"
+
+    def options(self, task: Task) -> list[str]:
+        """Arguments of ``train`` that differ between these contenders."""
+        return ["--envs", str(task.num_envs), "--backend", "lanes"]
+
+
+class Mujoco(Ours):
+    """``dappo-batch train`` with libmujoco."""
+
+    key = "ours mujoco"
+    about = "dappo-batch train --backend mujoco"
+
+    def options(self, task: Task) -> list[str]:
+        """Arguments of ``train`` that differ between these contenders."""
+        return ["--envs", str(task.num_envs), "--backend", "mujoco"]
+
+
+class AsConfigured(Ours):
+    """``dappo-batch train`` with the sizes that users get."""
+
+    key = "ours lanes, as configured"
+    about = (
+        "dappo-batch train --backend lanes with the sizes of configs/ant.toml: another batch, other epochs"
+    )
+    physics = "lanes f32"
+
+    def options(self, task: Task) -> list[str]:
+        """Arguments of ``train`` that differ between these contenders."""
+        return ["--backend", "lanes"]
+
+    def settings(self, task: Task) -> list[str]:
+        """Values of ``--set``."""
+        return [f"seed={task.seed}"]
+
+
+class Peer(Trainer):
+    """Somebody else's training, kept warm in a process of its own.
+
+    Attributes
+    ----------
+    program : str
+        Module and class that the process runs, see `tests.bench.worker`.
+    """
+
+    program: ClassVar[str]
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        try:
+            self._worker = Worker(self.program, task)
+            self.note = self._worker.note
+            self.train(1)  # what a first iteration allocates and loads must not be timed
+        except (WorkerFailed, SimulationError) as error:
+            raise Unavailable(str(error)) from error
+
+    def train(self, iterations: int) -> Sample:
+        """Train for some iterations, without a warm-up among them."""
+        try:
+            answer: dict[str, Any] = self._worker.ask(iterations)
+        except WorkerFailed as error:
+            self.close()
+            raise SimulationError(f"{self.key}: {error}") from error
+        return Sample(**answer)
+
+    def close(self) -> None:
+        """Free processes and memory."""
+        self._worker.close()
+
+
+class StableBaselines(Peer):
+    """Stable-Baselines3's PPO on Gymnasium's Ant."""
+
+    key = "sb3"
+    about = "Stable-Baselines3 PPO, MlpPolicy, Gymnasium's Ant-v5"
+    packages: ClassVar[dict[str, str]] = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
+    program = "tests.bench.training.stable_baselines:StableBaselinesPpo"
+
+
+class EnvPoolTorch(Peer):
+    """A plain PPO loop in PyTorch on EnvPool's Ant."""
+
+    key = "envpool + torch"
+    about = "a plain PyTorch loop over EnvPool's Ant-v5, synchronous"
+    packages: ClassVar[dict[str, str]] = {"envpool": "envpool", "torch": "torch"}
+    program = "tests.bench.training.envpool_torch:EnvPoolPpo"

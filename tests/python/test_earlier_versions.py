@@ -1,0 +1,52 @@
+"""Runs, diagnosers and exports of earlier versions are read; those in `earlier/` were made by one.
+
+They are of an Ant with jammed joints, a policy of two hidden units, and a diagnoser of three steps.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dappo_batch
+from dappo_batch import Controller, Policy
+
+from .command_line import dappo_batch as command_line
+from .command_line import files, metrics
+
+EARLIER = Path(__file__).parent / "earlier"
+STEPS = 16
+
+
+def test_the_policy_of_a_run_acts_as_in_its_export() -> None:
+    run, export = Policy.load(EARLIER / "run"), Policy.from_export(EARLIER / "export")
+    obs = np.random.default_rng(0).normal(size=(10, run.obs_dim)).astype("f4")
+    told = np.arange(10) % len(run.class_names)
+    np.testing.assert_array_equal(run.act(obs, damage_class=told), export.act(obs, damage_class=told))
+
+
+def test_a_run_goes_on_where_it_stood(tmp_path: Path) -> None:
+    shutil.copytree(EARLIER / "run", tmp_path / "run")
+    assert (tmp_path / "run" / "checkpoints" / "00000002" / "envs.bin").exists()
+    dappo_batch.resume(tmp_path / "run", total_steps=4 * STEPS, threads=1)
+    # The whole of it at once.
+    command_line(
+        *("train", "--config", EARLIER / "run" / "config.toml", "--threads", "1"),
+        *("--steps", str(4 * STEPS), "--run", tmp_path / "whole"),
+    )
+    # Processors differ in their last digits.
+    for resumed, whole in zip(metrics(tmp_path / "run"), metrics(tmp_path / "whole"), strict=True):
+        assert resumed.keys() == whole.keys()
+        for key, value in whole.items():
+            if isinstance(value, float):
+                assert resumed[key] == pytest.approx(value, rel=1e-3), key
+
+
+def test_an_export_of_the_run_and_the_diagnoser_is_that_of_the_earlier_version(tmp_path: Path) -> None:
+    out = tmp_path / "export"
+    command_line("export", EARLIER / "run", "--diagnoser", EARLIER / "diagnoser", "--out", out)
+    assert files(out) == files(EARLIER / "export")
+    assert Controller.from_export(EARLIER / "export").class_names[0] == "healthy"
