@@ -39,7 +39,8 @@ test-rust: ## Rust tests, in the profile that the extension is built in
 test-python: setup ## Python tests
 	$(PYTEST)
 
-fuzz: setup ## Try odd inputs for an hour, or for MINUTES
+fuzz: setup ## Try many odd inputs with the Rust properties, and others for an hour, or for MINUTES
+	PROPERTY_TIMES=500 cargo test $(CARGO_FLAGS) --test integration properties
 	$(RUN) python -m tests.properties.fuzz --minutes $(MINUTES)
 
 lint: setup ## Formatting, lints and types of both languages

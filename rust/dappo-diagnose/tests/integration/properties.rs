@@ -2,16 +2,11 @@
 
 use dappo_diagnose::dataset::Shard;
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
+
+use crate::cases::cases;
 
 proptest! {
-    // The same inputs in every run.
-    #![proptest_config(ProptestConfig {
-        cases: 200,
-        failure_persistence: None,
-        rng_seed: RngSeed::Fixed(1),
-        ..ProptestConfig::default()
-    })]
+    #![proptest_config(cases(200))]
 
     #[test]
     fn shards_cut_any_number_of_rollouts_without_gap_or_overlap(count in 1_usize..50, rollouts in 0_usize..10_000) {

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::float_cmp, reason = "helpers of a test may fail loudly, as tests do")]
 
+#[path = "../../../dappo-sim/tests/integration/cases.rs"]
+mod cases;
 #[path = "../../../dappo-sim/tests/integration/counter/mod.rs"]
 mod counter;
 

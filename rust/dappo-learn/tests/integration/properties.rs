@@ -10,19 +10,10 @@ use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 use proptest::collection::vec;
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
+
+use crate::cases::cases;
 
 const SMOKE: &str = include_str!("../../../../configs/smoke.toml");
-
-/// The same inputs in every run.
-fn cases(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        failure_persistence: None,
-        rng_seed: RngSeed::Fixed(1),
-        ..ProptestConfig::default()
-    }
-}
 
 fn scratch(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("dappo-properties-{}-{name}", std::process::id()));

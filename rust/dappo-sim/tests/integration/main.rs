@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::float_cmp, reason = "helpers of a test may fail loudly, as tests do")]
 
+mod cases;
 mod counter;
 mod properties;
 mod vector_env;

@@ -4,19 +4,10 @@ use dappo_sim::curriculum::{ClassDistribution, ClassMix, Stage, stage_at};
 use dappo_sim::{DamageSpace, Robot};
 use proptest::collection::vec;
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
+
+use crate::cases::cases;
 
 const TRIPOD: &str = include_str!("../../../../tests/python/robots/tripod.toml");
-
-/// The same inputs in every run.
-fn cases(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        failure_persistence: None,
-        rng_seed: RngSeed::Fixed(1),
-        ..ProptestConfig::default()
-    }
-}
 
 fn spaces() -> impl Strategy<Value = DamageSpace> {
     (1_usize..6, 1_usize..4, 1_usize..4).prop_map(|(limbs, types, most)| {
