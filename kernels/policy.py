@@ -1,6 +1,6 @@
 """The policy and the value net: normalised observations in, sampled actions, log-densities and values out.
 
-They compute what ``nn/actor_critic.rs`` and ``normalizer.rs`` of ``rust/dappo-learn`` compute. The learner
+They compute what ``frozen.rs`` and ``input.rs`` of ``rust/dappo-nn`` compute. The learner
 trains elsewhere and assigns its weights to the fixed arrays in here, so that a captured graph sees them.
 """
 

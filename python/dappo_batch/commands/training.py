@@ -48,6 +48,8 @@ def resume(
     total_steps: int | None = None,
     threads: int | None = None,
     learner: str | None = None,
+    njmax: int | None = None,
+    nconmax: int | None = None,
     set: Mapping[str, Any] | None = None,
     robot_changed: RobotChanged | None = None,
     callback: Callback | None = None,
@@ -65,6 +67,8 @@ def resume(
         Worker threads; all cores if left out.
     learner
         ``cpu`` or ``wgpu``: where the networks are computed.
+    njmax, nconmax
+        On a GPU, room for the constraints of an env, and for contacts, an env on average, from now on.
     set
         Settings that change from now on, for example ``{"ppo.learning_rate": 1e-4}``. The run folder notes
         them. What its checkpoints have built in, such as ``ppo.hidden``, cannot change.
@@ -97,6 +101,8 @@ def resume(
         **renamed({name: budget for name, budget in budgets.items() if budget is not None}),
         "threads": threads,
         "learner": learner,
+        "njmax": njmax,
+        "nconmax": nconmax,
         "set": set,
         "robot_changed": robot_changed,
     }

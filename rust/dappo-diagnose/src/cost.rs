@@ -3,7 +3,8 @@
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
-use dappo_learn::evaluate::{Policy, moments};
+use dappo_learn::evaluate::MeanActions;
+use dappo_learn::statistics::mean;
 use dappo_learn::walk::{Agent, Encoding, Episode, KnownClasses, Trial};
 use serde::Serialize;
 
@@ -46,7 +47,7 @@ pub struct Cost {
 /// `None` once `stop` says so.
 pub fn cost(
     report: &Report,
-    policy: &dyn Policy,
+    policy: &dyn MeanActions,
     config: &Config,
     factory: &dyn EnvFactory,
     stop: &dyn Fn() -> bool,
@@ -96,7 +97,7 @@ pub fn cost(
 /// The mean forward reward of a policy with the code of the second class of each pair, on robots with the
 /// first.
 fn rewards(
-    policy: &dyn Policy,
+    policy: &dyn MeanActions,
     config: &Config,
     pairs: &[(usize, usize)],
     factory: &dyn EnvFactory,
@@ -108,6 +109,6 @@ fn rewards(
     let (classes, given): (Vec<usize>, Vec<usize>) = pairs.iter().copied().unzip();
     let trial = Trial::of_evaluation(classes, config);
     let walks = trial.run(&mut Agent::Given(policy, &known, &given), config, factory, stop)?;
-    let mean = |episodes: &[Episode]| moments(episodes.iter().map(|episode| episode.forward_reward)).0;
+    let mean = |episodes: &[Episode]| mean(episodes.iter().map(|episode| episode.forward_reward));
     Ok(walks.map(|walks| walks.episodes.chunks_exact(trial.episodes).map(mean).collect()))
 }

@@ -267,7 +267,7 @@ impl Report {
 
     /// The calibration as CSV, a row a bin.
     #[must_use]
-    pub fn calibration_table(&self) -> String {
+    fn calibration_table(&self) -> String {
         let row = |bin: &CalibrationBin| {
             let (from, to) = (format!("{:.1}", bin.from), format!("{:.1}", bin.to));
             vec![from, to, bin.count.to_string(), number(bin.confidence, 4), number(bin.accuracy, 4)]

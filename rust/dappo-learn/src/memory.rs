@@ -47,7 +47,6 @@ fn network(config: &Config, inputs: usize, outputs: usize) -> Bytes {
     parameters(parameter_count(&sizes)).times(copies * FLOAT)
 }
 
-/// A number of parameters; one that cannot be counted is more than any memory holds.
 /// Parameters of a network; `None` stands for more than can be counted.
 #[must_use]
 pub fn parameters(count: Option<usize>) -> Bytes {

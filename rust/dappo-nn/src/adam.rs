@@ -27,6 +27,7 @@ pub enum Gradients {
 #[derive(Clone)]
 struct WrittenAdam {
     epsilon: f32,
+    level: Level,
 }
 
 /// Adam with a guard `epsilon` against division by zero. Both kinds take the same steps, and go on from each other's
@@ -34,7 +35,7 @@ struct WrittenAdam {
 #[must_use]
 pub fn adam(epsilon: f32, gradients: Gradients) -> ModuleOptimizer {
     match gradients {
-        Gradients::Written => ModuleOptimizer::from(WrittenAdam { epsilon }),
+        Gradients::Written => ModuleOptimizer::from(WrittenAdam { epsilon, level: Level::chosen() }),
         Gradients::Recorded => {
             AdamConfig::new().with_beta_1(BETAS[0]).with_beta_2(BETAS[1]).with_epsilon(epsilon).init()
         }
@@ -72,7 +73,7 @@ impl Optimizer for WrittenAdam {
         if let (Ok(p), Ok(g), Ok(m), Ok(v)) =
             (p.as_mut_slice(), gradient.as_slice(), m.as_mut_slice(), v.as_mut_slice())
         {
-            adam_step(Level::chosen(), p, g, m, v, step);
+            adam_step(self.level, p, g, m, v, step);
         }
         let tensor = |data| Tensor::from_data(data, &device);
         let moments = AdaptiveMomentumState::new(time, tensor(m), tensor(v));

@@ -29,6 +29,9 @@ pub struct Decision {
 
 impl FrozenActorCritic {
     /// A policy with a standard deviation for each action component, and a value net over the same inputs.
+    ///
+    /// # Shapes
+    /// `log_std` `[A]`
     pub fn new(policy: Policy, log_std: Vec<f32>, value: FrozenMlp) -> Result<Self> {
         check_length("log_std [A]", &log_std, policy.action_dim())?;
         check_length("inputs of the value net", &vec![(); value.sizes()[0]], policy.transform().width())?;

@@ -102,6 +102,7 @@ impl Mlp {
 pub struct FrozenMlp {
     sizes: Vec<usize>,
     parameters: Vec<f32>,
+    level: Level,
 }
 
 impl FrozenMlp {
@@ -114,7 +115,7 @@ impl FrozenMlp {
         }
         let expected = parameter_count(&sizes).unwrap_or(usize::MAX);
         check_length("parameters of a net", &parameters, expected)?;
-        Ok(Self { sizes, parameters })
+        Ok(Self { sizes, parameters, level: Level::chosen() })
     }
 
     /// `[inputs, hidden…, outputs]`.
@@ -154,7 +155,7 @@ impl FrozenMlp {
         let count = rows.len() / self.sizes[0];
         check_length("rows [N, inputs] of a net", rows, count * self.sizes[0])?;
         let mut out = vec![0.0; count * self.outputs()];
-        kernels::forward(Level::chosen(), &self.sizes, &self.parameters, rows, &mut out);
+        kernels::forward(self.level, &self.sizes, &self.parameters, rows, &mut out);
         Ok(out)
     }
 }

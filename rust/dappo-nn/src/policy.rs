@@ -1,6 +1,6 @@
 //! A policy that no longer changes.
 
-use crate::error::{NnError, Result};
+use crate::error::{NnError, Result, check_length};
 use crate::{FrozenMlp, InputTransform, Standardizer};
 
 /// Chooses the most probable actions. It has no value net and no optimiser, and its statistics stay as they are.
@@ -74,11 +74,13 @@ impl Policy {
     /// - `obs`: `[N, obs_dim]`, raw, without damage code
     /// - output: `[N, action_dim]`
     pub fn healthy_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
+        let width = self.obs_dim().max(1);
+        check_length("obs [N, obs_dim]", obs, obs.len() / width * width)?;
         let code = vec![0.0; self.code_length()];
         if code.is_empty() {
             return self.mean_actions(obs);
         }
-        let rows = obs.chunks_exact(self.obs_dim()).flat_map(|row| row.iter().chain(&code));
+        let rows = obs.chunks_exact(width).flat_map(|row| row.iter().chain(&code));
         self.mean_actions(&rows.copied().collect::<Vec<f32>>())
     }
 }
@@ -100,6 +102,7 @@ mod tests {
         assert_eq!(policy().mean_actions(&[2.0, 3.0, 1.0]).unwrap(), [9.5]);
         assert_eq!(policy().healthy_actions(&[2.0, 3.0]).unwrap(), [5.5]);
         assert!(policy().mean_actions(&[2.0, 3.0]).is_err());
+        assert!(policy().healthy_actions(&[2.0, 3.0, 4.0]).is_err());
     }
 
     #[test]

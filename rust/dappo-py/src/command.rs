@@ -80,6 +80,9 @@ pub fn run_command(
 
 /// A command that hands its objects over.
 fn command(name: &str, arguments: &Bound<'_, PyDict>) -> PyResult<Command> {
+    if arguments.contains("json")? {
+        return Err(raise(Kind::Config, "there is no argument `json`; results are returned"));
+    }
     arguments.set_item("json", true)?;
     let diagnose = |command| Command::Diagnose(DiagnoseArgs { command });
     Ok(match name {

@@ -103,11 +103,6 @@ impl TableFactory {
     pub fn table<'py>(&self, py: Python<'py>) -> &Bound<'py, PyAny> {
         self.table.bind(py)
     }
-
-    /// Integrator of the compiled models, as MuJoCo names it.
-    pub fn integrator(&self) -> &str {
-        &self.integrator
-    }
 }
 
 /// A value as Python's own types, by way of JSON.

@@ -1,4 +1,4 @@
-//! `dappo_batch._core`: thin Python classes over `dappo-sim` and `dappo-learn`, and the command line.
+//! `dappo_batch._core`: thin Python classes over the crates below, and the command line.
 
 mod arguments;
 mod class_table;

@@ -19,9 +19,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// The only piece.
-    pub const WHOLE: Self = Self { index: 0, count: 1 };
-
     /// Reads `i/n`, i from 0 to n − 1.
     pub fn parse(text: &str) -> Result<Self> {
         let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
@@ -363,7 +360,7 @@ mod tests {
             let ranges = (0..count).map(|i| Shard::parse(&format!("{i}/{count}")).unwrap().range(rollouts));
             assert_eq!(ranges.flatten().collect::<Vec<_>>(), (0..rollouts).collect::<Vec<_>>());
         }
-        assert_eq!(Shard::WHOLE.range(9), 0..9);
+        assert_eq!(Shard { index: 0, count: 1 }.range(9), 0..9);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use dappo_sim::DamageClass;
 use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::Result;
+use crate::statistics::{mean, standard_error};
 use crate::walk::{Agent, Encoding, Episode, KnownClasses, Trial};
 
 pub use bootstrap::{CONFIDENCE, Estimate, Gain, RESAMPLES};
@@ -18,7 +19,7 @@ pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
 
 /// Chooses actions from raw observations.
-pub trait Policy {
+pub trait MeanActions {
     /// The actions without exploration noise.
     ///
     /// # Shapes
@@ -27,7 +28,7 @@ pub trait Policy {
     fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>>;
 }
 
-impl Policy for dappo_nn::Policy {
+impl MeanActions for dappo_nn::Policy {
     fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
         Ok(self.mean_actions(obs)?)
     }
@@ -37,7 +38,7 @@ impl Policy for dappo_nn::Policy {
 ///
 /// `stop` is asked before every step; once it says yes, the result is `None`.
 pub fn evaluate(
-    policy: &dyn Policy,
+    policy: &dyn MeanActions,
     config: &Config,
     encoding: Encoding,
     factory: &dyn EnvFactory,
@@ -61,29 +62,17 @@ pub fn evaluate(
 
 /// The result of a class from its episodes.
 fn summarize(class: &DamageClass, episodes: &[Episode]) -> ClassResult {
-    let forward = moments(episodes.iter().map(|episode| episode.forward_reward));
+    let forward: Vec<f64> = episodes.iter().map(|episode| episode.forward_reward).collect();
     ClassResult {
         class: class.id,
         name: class.name.clone(),
         group: class.group.clone(),
         episodes: episodes.len(),
-        forward_reward: forward.0,
-        standard_error: forward.1,
-        episode_return: moments(episodes.iter().map(|episode| episode.episode_return)).0,
-        episode_length: moments(episodes.iter().map(|episode| episode.steps as f64)).0,
+        forward_reward: mean(forward.iter().copied()),
+        standard_error: standard_error(&forward),
+        episode_return: mean(episodes.iter().map(|episode| episode.episode_return)),
+        episode_length: mean(episodes.iter().map(|episode| episode.steps as f64)),
         falls: episodes.iter().filter(|episode| episode.fell).count(),
         diverged: episodes.iter().filter(|episode| episode.diverged).count(),
     }
-}
-
-/// Mean and standard error of the mean.
-pub fn moments(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let values: Vec<f64> = values.collect();
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    if values.len() < 2 {
-        return (mean, f64::NAN);
-    }
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    (mean, (variance / count).sqrt())
 }

@@ -132,7 +132,7 @@ impl Evaluation {
 
     /// The table of the groups as CSV with a header line.
     #[must_use]
-    pub fn group_table(&self) -> String {
+    fn group_table(&self) -> String {
         let columns = [
             &["group", "classes", "episodes", "forward_reward", "standard_error", "falls", "diverged"],
             &Simulator::COLUMNS[..],

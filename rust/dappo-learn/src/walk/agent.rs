@@ -6,16 +6,16 @@ use dappo_sim::vector_env::VectorEnv;
 use super::encoding::{another_class, fair_bit};
 use super::{Encoding, Event, KnownClasses};
 use crate::error::Result;
-use crate::evaluate::Policy;
+use crate::evaluate::MeanActions;
 
 /// Chooses the actions of all robots of a trial.
 pub enum Agent<'a> {
     /// A policy that observes no damage code.
-    Unaware(&'a dyn Policy),
+    Unaware(&'a dyn MeanActions),
     /// A policy whose damage code is made of the damage in force.
-    Encoded(&'a dyn Policy, &'a KnownClasses, Encoding),
+    Encoded(&'a dyn MeanActions, &'a KnownClasses, Encoding),
     /// A policy with the damage code of a given class for each row of the trial, `[rows]`.
-    Given(&'a dyn Policy, &'a KnownClasses, &'a [usize]),
+    Given(&'a dyn MeanActions, &'a KnownClasses, &'a [usize]),
     /// A controller that has to find out by itself.
     Onboard(&'a mut dyn Onboard),
 }

@@ -6,7 +6,7 @@ use crate::counter::{CODE, Counter, ROBOT, ROW};
 use crate::run_folder::{create, scratch};
 use dappo_learn::config::Config;
 use dappo_learn::envs::{EnvFactory, Sizes};
-use dappo_learn::evaluate::{Conditions, Evaluation, Policy, evaluate};
+use dappo_learn::evaluate::{Conditions, Evaluation, MeanActions, evaluate};
 use dappo_learn::walk::Encoding;
 use dappo_sim::{Backend, DamageSpace, Physics, Precision, Robot, SimError};
 
@@ -84,7 +84,7 @@ impl<F: Fn(usize, usize) -> [f32; 2]> Recorder<F> {
     }
 }
 
-impl<F: Fn(usize, usize) -> [f32; 2]> Policy for Recorder<F> {
+impl<F: Fn(usize, usize) -> [f32; 2]> MeanActions for Recorder<F> {
     fn mean_actions(&self, obs: &[f32]) -> dappo_learn::Result<Vec<f32>> {
         self.seen.borrow_mut().push(obs.to_vec());
         Ok(obs

@@ -43,8 +43,7 @@ pub fn parameter_count(sizes: &[usize]) -> Option<usize> {
 }
 
 /// Number of hidden activations of one row.
-#[must_use]
-pub fn hidden_width(sizes: &[usize]) -> usize {
+fn hidden_width(sizes: &[usize]) -> usize {
     sizes[1..sizes.len() - 1].iter().sum()
 }
 

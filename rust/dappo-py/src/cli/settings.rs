@@ -104,7 +104,7 @@ fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> 
 }
 
 /// The device that a training means. Who asks for a backend of the CPU, or for its double precision, means the CPU.
-pub fn training_device(config: &Config) -> Result<Device, SimError> {
+fn training_device(config: &Config) -> Result<Device, SimError> {
     let is_for_the_cpu = config.env.backend != BackendKind::Auto || config.env.precision == Precision::F64;
     if config.env.device == Device::Auto && is_for_the_cpu {
         return Ok(Device::Cpu);

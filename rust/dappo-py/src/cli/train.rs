@@ -16,7 +16,7 @@ use super::evaluate::{evaluate_and_save, show};
 use super::progress::Display;
 use super::{Caller, INTERRUPTED, settings};
 use crate::cli::console::{note, print_line};
-use crate::errors::OrRaise;
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
@@ -26,6 +26,10 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         let (run, resumption, config) = reopen(py, folder, arguments)?;
         (config, Some((run, resumption)))
     } else {
+        // The command line knows that by itself.
+        if arguments.robot_changed.is_some() {
+            return Err(raise(Kind::Config, "robot_changed cannot be used without resume"));
+        }
         (settings::resolve(py, &arguments.config)?, None)
     };
     let pool = Pool::new(config.env.threads)?;
@@ -85,7 +89,8 @@ fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(Loc
     let njmax = room.njmax.map(|room| number("env.njmax", room.wide()));
     let nconmax = room.nconmax.map(|room| number("env.nconmax", room.wide()));
     let threads = threads.map(|threads| number("env.threads", threads.wide()));
-    let learner = learner.as_ref().map(|device| format!("ppo.device='{}'", &**device).into());
+    let learner =
+        learner.as_ref().map(|device| Assignment::Value("ppo.device".into(), device.to_string().into()));
     // As in a new run, an explicit `--set` wins over the flags.
     let changed_by = |flags: &[&Option<Assignment>]| {
         let flags = flags.iter().copied().flatten();

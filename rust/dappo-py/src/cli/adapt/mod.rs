@@ -102,7 +102,11 @@ impl Scene {
         let space = self.real.space();
         let classes = match &arguments.damage {
             Some(damage) => vec![space.parse(damage)?],
-            None => (0..space.classes().len()).collect(),
+            None if arguments.all_classes => (0..space.classes().len()).collect(),
+            // The command line knows that by itself.
+            None => {
+                return Err(LearnError::Invalid("give a damage, or all_classes for every one in turn".into()));
+            }
         };
         Ok(Trial {
             classes,

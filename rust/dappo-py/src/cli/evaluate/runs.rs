@@ -69,6 +69,7 @@ impl LoadedRun {
                 config.env.backend = reference.config.env.backend;
                 config.env.threads = reference.config.env.threads;
                 config.evaluation = reference.config.evaluation.clone();
+                arguments.simulation.room.lay_over(&mut config.env);
             }
         }
         let factory = TableFactory::compile(py, &config)?;
