@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-__all__ = ["ClassRows", "DamageFields", "class_rows"]
+__all__ = ["DamageFields", "class_rows"]
 
 wp.set_module_options({"enable_backward": False})
 

@@ -20,7 +20,7 @@ from .reset import DRAW, EpisodeDraws, StateReset
 from .reward import Judge, Outcome
 from .task import Task
 
-__all__ = ["Worlds", "contact_bound"]
+__all__ = ["Worlds"]
 
 wp.set_module_options({"enable_backward": False})
 

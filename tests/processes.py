@@ -6,9 +6,13 @@ import contextlib
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+DAPPO_BATCH = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
+"""The command line of the package that this Python imports; arguments follow."""
 
 _STARTED: list[subprocess.Popen[str]] = []
 """Processes whose end is not yet known."""
@@ -30,8 +34,7 @@ def run(
     try:
         out, err = process.communicate(timeout=timeout)
     except subprocess.TimeoutExpired as expired:
-        expired.output, expired.stderr = end(process)
-        raise
+        raise subprocess.TimeoutExpired(process.args, timeout, *end(process)) from expired
     _STARTED.remove(process)
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 

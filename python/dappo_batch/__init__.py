@@ -40,13 +40,22 @@ from dappo_batch.envs import DamageEnv, DamageVectorEnv, EnvOptions, VectorEnvOp
 from dappo_batch.model import ClassTable, ClassTableError, compile_class_table
 from dappo_batch.policy import Policy
 from dappo_batch.render import RenderError
-from dappo_batch.results import Change, Event, Meta
+from dappo_batch.results import (
+    AdaptationReport,
+    Change,
+    DiagnoserReport,
+    EpochMetrics,
+    EvaluationReport,
+    Event,
+    Meta,
+)
 from dappo_batch.robots import ROBOTS, Limb, Robot, load_robot
 from dappo_batch.runs import Run, load_run
 from dappo_batch.sweeps import sweep
 
 __all__ = [
     "ROBOTS",
+    "AdaptationReport",
     "Change",
     "CheckpointError",
     "ClassTable",
@@ -60,7 +69,10 @@ __all__ = [
     "DamageVectorEnv",
     "DappoError",
     "Diagnoser",
+    "DiagnoserReport",
     "EnvOptions",
+    "EpochMetrics",
+    "EvaluationReport",
     "Event",
     "Limb",
     "Meta",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import tomllib
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..processes import DAPPO_BATCH
 from .limits import thread_limits
 
 __all__ = [
@@ -23,7 +23,6 @@ __all__ = [
     "train",
 ]
 
-_PROGRAM = "from dappo_batch.cli import main; main()"
 _UNREADABLE = "the run folder does not say it"
 
 
@@ -120,7 +119,7 @@ def command_line(arguments: Sequence[str], threads: int, timeout: float = 600.0)
     name = f"`dappo-batch {arguments[0]}`"
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _PROGRAM, *arguments],
+            [*DAPPO_BATCH, *arguments],
             env={**os.environ, **thread_limits(threads)},
             capture_output=True,
             text=True,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, TypeVar
 
-from dappo_batch.bench import Missing
+from dappo_batch.bench import Missing, measure
 from dappo_batch.bench.contenders import Unavailable
 
-__all__ = ["Entrant", "enter", "print_report", "rotated"]
+__all__ = ["Entrant", "enter", "print_report"]
 
 T = TypeVar("T")
 
@@ -73,12 +72,6 @@ def enter(
     return made, missing
 
 
-def rotated(entrants: Sequence[T], number: int) -> list[T]:
-    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
-    shift = number % max(1, len(entrants))
-    return [*entrants[shift:], *entrants[:shift]]
-
-
 def print_report(
     run: Callable[..., Any], parser: argparse.ArgumentParser, argv: Sequence[str] | None = None
 ) -> None:
@@ -86,10 +79,5 @@ def print_report(
     parser.add_argument("--json", action="store_true", default=False, help="print JSON")
     arguments = vars(parser.parse_args(argv))
     as_json = arguments.pop("json")
-    report = run(**arguments, progress=_progress)
+    report = run(**arguments, progress=measure.progress)
     print(json.dumps(report.to_dict(), indent=2) if as_json else report.text())
-
-
-def _progress(what: str) -> None:
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)

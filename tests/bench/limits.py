@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+__all__ = ["limited_to", "thread_limits"]
+
 
 def thread_limits(threads: int) -> dict[str, str]:
     """Return the environment variables that size the thread pools of linear algebra in a new process."""

@@ -1,4 +1,4 @@
-"""The command: runs the phases in order, prints what they find and keeps it in ``gpu_check.json``."""
+"""The command: runs the phases in order, prints what they find and keeps it in ``findings.json``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Check:
 
     def __init__(self, out: Path, seconds: float) -> None:
         self.findings: dict[str, Any] = {}
-        self._path = out / "gpu_check.json"
+        self._path = out / "findings.json"
         self._end = time.monotonic() + seconds
 
     @property
@@ -97,7 +97,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the check and return its exit code: 0 unless a phase failed."""
     parser = argparse.ArgumentParser(prog="python -m tests.gpu", description=__doc__)
     parser.add_argument("--device", choices=sorted(SCALES), default="cuda")
-    parser.add_argument("--out", type=Path, default=Path("gpu_check"), help="folder of the findings")
+    parser.add_argument("--out", type=Path, default=Path("findings"), help="folder of the findings")
     parser.add_argument("--minutes", type=float, default=8.0, help="time budget; later phases are skipped")
     arguments = parser.parse_args(argv)
     device, scale = arguments.device, SCALES[arguments.device]

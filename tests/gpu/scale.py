@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+
+from dappo_batch.model import Physics
 
 __all__ = ["SCALES", "Scale"]
 
@@ -37,7 +38,7 @@ class Scale:
     device: str
     num_envs: tuple[int, ...]
     robots: tuple[str, ...]
-    integrators: tuple[Literal["rk4", "euler"], ...]
+    integrators: tuple[Physics, ...]
     horizon: int
     rollouts: int
     hidden: tuple[int, ...]

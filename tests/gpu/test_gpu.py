@@ -19,7 +19,7 @@ PHASES = ["machine", "graph", "physics", "decisions", "speed", "training", "test
 
 def findings(out: Path) -> dict[str, Any]:
     """Read what a check has left behind."""
-    found: dict[str, Any] = json.loads((out / "gpu_check.json").read_text())
+    found: dict[str, Any] = json.loads((out / "findings.json").read_text())
     assert list(found) == PHASES
     return found
 

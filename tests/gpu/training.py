@@ -12,12 +12,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ..processes import DAPPO_BATCH
 from .scale import Scale
 
 __all__ = ["kernel_tests", "training"]
 
 _KERNEL_TESTS = Path(__file__).parent.parent / "kernels"
-_PROGRAM = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
 
 
 def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, 
     flags = ("--device", device, "--run", str(run), *scale.training)
     start = time.monotonic()
     with (run.parent / "training.log").open("w") as log:
-        process = subprocess.Popen([*_PROGRAM, "train", *flags], stdout=log, stderr=log)
+        process = subprocess.Popen([*DAPPO_BATCH, "train", *flags], stdout=log, stderr=log)
         reached = None
         while process.poll() is None and time.monotonic() - start < seconds and reached is None:
             time.sleep(0.5)

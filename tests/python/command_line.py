@@ -18,7 +18,6 @@ from dappo_batch._core import run_cli
 
 from .. import processes
 
-PROGRAM = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
 TINY = (
     *("--threads", "1", "--envs", "4", "--set"),
     *("horizon=16", "env.max_episode_steps=20", "ppo.hidden=[8]"),
@@ -74,7 +73,7 @@ def _standard_stream(number: int, name: str, file: IO[bytes]) -> Iterator[None]:
 
 def start(*arguments: str | Path) -> subprocess.Popen[str]:
     """Start the command line in a process of its own without waiting for its end."""
-    return processes.start([*PROGRAM, *arguments])
+    return processes.start([*processes.DAPPO_BATCH, *arguments])
 
 
 def interrupt_when(condition: Callable[[], bool], *arguments: str | Path) -> str:

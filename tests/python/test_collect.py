@@ -18,7 +18,7 @@ import dappo_batch as package
 from dappo_batch._core import run_cli
 
 from .. import processes
-from .command_line import ITERATION, PROGRAM, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
+from .command_line import ITERATION, TINY, dappo_batch, dappo_batch_many, files, interrupt_when
 from .numpy_policy import mean_actions
 
 CLASSES = 9
@@ -188,7 +188,7 @@ def test_a_full_disk_is_named_and_leaves_a_valid_prefix(expert: Path, tmp_path: 
     limit = (whole / "rollouts-000000.npy").stat().st_size * 3 // 4
     command = arguments(expert, full, rollouts=rollouts)
     done = processes.run(
-        [*PROGRAM, *command],
+        [*processes.DAPPO_BATCH, *command],
         timeout=60,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import Change, ConfigError, SimulationError
-from dappo_batch.commands import EvaluationReport, TrainingOptions
+from dappo_batch import Change, ConfigError, EvaluationReport, SimulationError, TrainingOptions
 
 from .. import processes
 from .command_line import ITERATION, TINY, files, metrics

@@ -28,7 +28,7 @@ from dappo_batch import (
 from dappo_batch._core import run_cli
 from dappo_batch.commands.output import written
 
-from .command_line import PROGRAM
+from .. import processes
 
 SMALL = {
     "horizon": 32,
@@ -314,7 +314,7 @@ def test_envs_that_do_not_fit_the_limit_of_the_process_are_refused(table: dappo_
 def test_output_that_cannot_be_written_is_a_failure(command: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [*PROGRAM, *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            [*processes.DAPPO_BATCH, *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False
         )
     assert done.returncode == 1
     assert done.stderr.startswith("error: cannot write to standard output: No space left on device")
@@ -357,7 +357,7 @@ def test_output_of_python_commands_that_cannot_be_written_is_a_failure(
 
 def test_a_closed_pipe_ends_a_command_quietly() -> None:
     with subprocess.Popen(
-        [*PROGRAM, "classes"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*processes.DAPPO_BATCH, "classes"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as command:
         assert command.stdout is not None
         assert command.stderr is not None

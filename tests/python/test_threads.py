@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import dappo_batch
 from dappo_batch import ClassTable, Controller, DappoError, Diagnoser, NotPicklableError, Policy
-from dappo_batch.commands import DecisionTime
+from dappo_batch.results import DecisionTime
 
 WORKER = "dappo-worker-"
 SECONDS = 60

@@ -6,7 +6,6 @@ hold on a busy or throttled machine too; the absolute numbers are those of the m
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from json import dumps
@@ -14,6 +13,7 @@ from typing import Any
 
 from dappo_batch import machine
 from dappo_batch._core import ConfigError
+from dappo_batch.bench import measure
 from dappo_batch.bench.contenders import CONTENDERS, Contender, Unavailable, Workload
 from dappo_batch.bench.measure import Sample, Spread, align, measure_rounds
 from dappo_batch.robots import load_robot
@@ -163,11 +163,6 @@ def _result(key: str, contender: Contender, own: Sequence[Sample], base: Sequenc
 
 def command(*, json: bool, **settings: Any) -> int:  # noqa: ANN401 - those of `run`
     """Run ``dappo-batch bench`` with the parameters of `run` and return its exit code."""
-
-    def progress(what: str) -> None:
-        if sys.stderr.isatty():
-            print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
-
-    report = run(**settings, progress=progress)
+    report = run(**settings, progress=measure.progress)
     print(dumps(report.to_dict(), indent=2) if json else report.text())
     return 0

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import TypeVar
 
 from dappo_batch.bench.contenders import Contender
 
-__all__ = ["SETTLING_STEPS", "Sample", "Spread", "align", "measure_rounds"]
+__all__ = ["SETTLING_STEPS", "Sample", "Spread", "align", "measure_rounds", "progress", "rotated"]
+
+_T = TypeVar("_T")
 
 SETTLING_STEPS = 40
 """Env steps before the first sample. Contacts decide what a step costs, and robots begin above the floor."""
@@ -59,20 +63,31 @@ def measure_rounds(
     """Time all contenders `rounds` times, each for `seconds` at least, and return their samples.
 
     Whatever else the machine does meanwhile affects neighbours in a round alike, so numbers are compared
-    within a round. The order rotates: each leaves caches behind for the next.
+    within a round. The order rotates.
     """
     for key, contender in contenders.items():
         progress(f"warming up {key}")
         contender.run_for(0.0, SETTLING_STEPS)
     samples: dict[str, list[Sample]] = {key: [] for key in contenders}
     for number in range(rounds):
-        shift = number % len(contenders)
-        for key in [*contenders][shift:] + [*contenders][:shift]:
+        for key in rotated([*contenders], number):
             progress(f"round {number + 1} of {rounds}: {key}")
             cpu, wall = time.process_time(), time.perf_counter()
             steps = contenders[key].run_for(seconds)
             samples[key].append(Sample(steps, time.perf_counter() - wall, time.process_time() - cpu))
     return samples
+
+
+def rotated(entrants: Sequence[_T], number: int) -> list[_T]:
+    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
+    shift = number % max(1, len(entrants))
+    return [*entrants[shift:], *entrants[:shift]]
+
+
+def progress(what: str) -> None:
+    """Show on a terminal what happens, in the line that showed what happened before."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
 
 
 def align(rows: Sequence[Sequence[str]]) -> str:

@@ -10,22 +10,10 @@ from __future__ import annotations
 from dappo_batch.commands.adaptation import adapt
 from dappo_batch.commands.diagnosis import collect_pairs, evaluate_diagnoser, train_diagnoser
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions
-from dappo_batch.commands.results import (
-    AdaptationReport,
-    DecisionTime,
-    DiagnoserReport,
-    EpochMetrics,
-    EvaluationReport,
-)
 from dappo_batch.commands.training import evaluate, resume, train
 
 __all__ = [
-    "AdaptationReport",
     "Callback",
-    "DecisionTime",
-    "DiagnoserReport",
-    "EpochMetrics",
-    "EvaluationReport",
     "Folder",
     "RobotChanged",
     "Simulation",

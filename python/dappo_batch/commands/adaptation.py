@@ -7,7 +7,7 @@ from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Folder, RobotChanged, Simulation
-from dappo_batch.commands.results import AdaptationReport
+from dappo_batch.results import AdaptationReport
 
 __all__ = ["adapt"]
 
@@ -78,5 +78,5 @@ def adapt(
         "robot_changed": robot_changed,
         **simulation,
     }
-    (told,) = invoke("adapt", arguments)
-    return AdaptationReport.from_dict(told)
+    (found,) = invoke("adapt", arguments)
+    return AdaptationReport.from_dict(found)

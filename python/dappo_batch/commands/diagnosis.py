@@ -10,7 +10,7 @@ from dappo_batch._checks import folder
 from dappo_batch._core import ConfigError
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation
-from dappo_batch.commands.results import DiagnoserReport, EpochMetrics
+from dappo_batch.results import DiagnoserReport, EpochMetrics
 
 __all__ = ["collect_pairs", "evaluate_diagnoser", "train_diagnoser"]
 
@@ -126,7 +126,7 @@ def train_diagnoser(
         "threads": threads,
         "set": set,
     }
-    return [EpochMetrics.from_dict(told) for told in invoke("train_diagnoser", arguments, callback)]
+    return [EpochMetrics.from_dict(found) for found in invoke("train_diagnoser", arguments, callback)]
 
 
 def evaluate_diagnoser(
@@ -169,5 +169,5 @@ def evaluate_diagnoser(
         "threads": threads,
         "robot_changed": robot_changed,
     }
-    (told,) = invoke("evaluate_diagnoser", arguments)
-    return [DiagnoserReport.from_dict(one) for one in told]
+    (found,) = invoke("evaluate_diagnoser", arguments)
+    return [DiagnoserReport.from_dict(one) for one in found]

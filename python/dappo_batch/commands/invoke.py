@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from dappo_batch._checks import shown
-from dappo_batch._core import ConfigError, check_settings, run_command
+from dappo_batch._core import ConfigError, run_command
 from dappo_batch.commands.options import Callback
 
-__all__ = ["assignments", "invoke"]
+__all__ = ["invoke"]
 
 
 def invoke(name: str, arguments: Mapping[str, Any], callback: Callback | None = None) -> list[Any]:
@@ -24,22 +24,11 @@ def invoke(name: str, arguments: Mapping[str, Any], callback: Callback | None = 
         raise ConfigError(f"callback must be a function, got {shown(callback)}")
     objects: list[Any] = []
 
-    def hear(told: Any) -> bool | None:  # noqa: ANN401 - whatever JSON can hold
-        objects.append(told)
-        return callback(told) if callback else None
+    def receive(found: Any) -> bool | None:  # noqa: ANN401 - whatever JSON can hold
+        objects.append(found)
+        return callback(found) if callback else None
 
     given = {key: value for key, value in arguments.items() if value is not None}
     call = ", ".join(f"{key}={shown(value)}" for key, value in given.items())
-    run_command(name, given, f"dappo_batch.{name}({call})", hear)
+    run_command(name, given, f"dappo_batch.{name}({call})", receive)
     return objects
-
-
-def assignments(settings: object, what: str = "set") -> None:
-    """Refuse settings that no command takes.
-
-    Raises
-    ------
-    ConfigError
-        If they are no mapping from names to values that TOML has.
-    """
-    check_settings(settings, what)

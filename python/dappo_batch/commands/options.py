@@ -8,6 +8,8 @@ from os import PathLike
 from typing import Any, Literal, TypeAlias, TypedDict
 
 from dappo_batch._core import ConfigError
+from dappo_batch.envs.options import Backend, Device, Precision
+from dappo_batch.model import Physics
 
 __all__ = ["FLAGS", "Callback", "Folder", "RobotChanged", "Simulation", "TrainingOptions", "renamed"]
 
@@ -39,16 +41,16 @@ class Simulation(TypedDict, total=False):
         can need at most if left out.
     """
 
-    device: str
-    backend: str
-    precision: str
+    device: Device
+    backend: Backend
+    precision: Precision
     threads: int
     njmax: int
     nconmax: int
 
 
 class TrainingOptions(Simulation, total=False):
-    """What to train, as the flags of ``dappo-batch train`` of the same names.
+    """What to train, as the flags of ``dappo-batch train``: those of `Simulation`, and these.
 
     Attributes
     ----------
@@ -83,7 +85,7 @@ class TrainingOptions(Simulation, total=False):
     unaware: bool
     healthy: bool
     reward: str
-    physics: str
+    physics: Physics
     set: Mapping[str, Any]
 
 

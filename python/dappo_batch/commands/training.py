@@ -8,7 +8,7 @@ from typing import Any, Unpack
 from dappo_batch._checks import folder
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions, renamed
-from dappo_batch.commands.results import EvaluationReport
+from dappo_batch.results import EvaluationReport
 from dappo_batch.runs import Run, load_run
 
 __all__ = ["evaluate", "resume", "train"]
@@ -152,5 +152,5 @@ def evaluate(
         "robot_changed": robot_changed,
         **simulation,
     }
-    (told,) = invoke("evaluate", arguments)
-    return EvaluationReport.from_dict(told)
+    (found,) = invoke("evaluate", arguments)
+    return EvaluationReport.from_dict(found)

@@ -9,14 +9,13 @@ from typing import Any, Literal, TypeAlias, TypedDict
 from gymnasium.vector import AutoresetMode
 
 from dappo_batch.envs.arguments import Damage, Seed
-from dappo_batch.model import ClassTable
+from dappo_batch.model import ClassTable, Physics
 from dappo_batch.robots import Robot
 
 __all__ = [
     "Backend",
     "Device",
     "EnvOptions",
-    "Physics",
     "Precision",
     "RobotLike",
     "VectorEnvOptions",
@@ -25,9 +24,6 @@ __all__ = [
 
 RobotLike: TypeAlias = str | Path | Robot | ClassTable
 """A shipped robot's name, the path of a robot TOML, a loaded robot, or its compiled class table."""
-
-Physics: TypeAlias = Literal["rk4", "euler"]
-"""Integrator of the physics."""
 
 Device: TypeAlias = Literal["auto", "cpu", "cuda", "warp-cpu"]
 """Where the physics is computed; ``"warp-cpu"`` runs the kernels of a GPU on the CPU, slowly."""

@@ -24,6 +24,16 @@ from dappo_batch.model import ClassTable, compile_class_table
 from dappo_batch.render.live import LivePainter
 from dappo_batch.robots import Robot
 
+__all__ = [
+    "RGB_ARRAY",
+    "checked_render_mode",
+    "class_table",
+    "native_env",
+    "painter",
+    "spaces",
+    "step_seconds",
+]
+
 RGB_ARRAY = "rgb_array"
 """The render mode of all environments."""
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
-from dappo_batch.model.class_table import ClassTable, ClassTableError, check_robot, compile_class_table
+from dappo_batch.model.class_table import (
+    ClassTable,
+    ClassTableError,
+    Physics,
+    check_robot,
+    compile_class_table,
+)
 
-__all__ = ["ClassTable", "ClassTableError", "check_robot", "compile_class_table"]
+__all__ = ["ClassTable", "ClassTableError", "Physics", "check_robot", "compile_class_table"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import mujoco
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
     from dappo_batch._core import DamageClass
 
-__all__ = ["ClassTable", "ClassTableError", "compile_class_table"]
+__all__ = ["ClassTable", "ClassTableError", "Physics", "check_robot", "compile_class_table"]
+
+Physics: TypeAlias = Literal["rk4", "euler"]
+"""Integrator of the physics."""
 
 _INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
 
@@ -93,7 +96,7 @@ def compile_class_table(
     types: Sequence[str] | None = None,
     max_damaged_limbs: int | None = None,
     severity: float = 1.0,
-    physics: Literal["rk4", "euler"] | None = None,
+    physics: Physics | None = None,
     damage_options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> ClassTable:
     """Compile one model per damage class of a robot.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dappo_batch.render.live import Live, Pose
 from dappo_batch.render.scene import Scene, become
 
-__all__ = ["main", "paint", "paint_live"]
+__all__ = ["main", "paint"]
 
 
 def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:

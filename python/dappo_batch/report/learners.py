@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dappo_batch.runs import Run
 
-__all__ = ["AWARE", "EXPERT", "UNAWARE", "Curve", "Learner", "learners"]
+__all__ = ["AWARE", "UNAWARE", "Curve", "Learner", "learners"]
 
 AWARE, UNAWARE, EXPERT = "DA-PPO", "PPO-Unaware", "expert"
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from dappo_batch._core import ConfigError
 
-__all__ = ["Flattened", "flatten", "lines", "needed_files"]
+__all__ = ["flatten", "lines", "needed_files"]
 
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _FILES = re.compile(r"file|file(right|left|up|down|front|back)")

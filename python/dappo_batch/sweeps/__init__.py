@@ -10,9 +10,8 @@ from typing import Any
 
 from dappo_batch._checks import folder as _folder
 from dappo_batch._checks import mapping, shown
-from dappo_batch._core import CheckpointError, ConfigError, write_file
+from dappo_batch._core import CheckpointError, ConfigError, check_settings, write_file
 from dappo_batch.commands import Folder
-from dappo_batch.commands.invoke import assignments
 from dappo_batch.runs.tables import read_text
 from dappo_batch.sweeps.cell import Cell, cells_of, options_of
 from dappo_batch.sweeps.worker import processes, train_cell
@@ -68,8 +67,8 @@ def sweep(
         raise ConfigError(f"callback must be a function, got {shown(callback)}")
     cells = list(cells_of(grid, folder))
     # Refuses what no command line can have, before the first cell.
-    assignments({key: value for key, value in mapping(base, "base").items() if key != "set"}, "base")
-    assignments(base.get("set") or {}, "set")
+    check_settings({key: value for key, value in mapping(base, "base").items() if key != "set"}, "base")
+    check_settings(base.get("set") or {}, "set")
     _claim(folder, base)
     if executor is None:
         with processes(1) as pool:

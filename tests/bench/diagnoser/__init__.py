@@ -17,10 +17,11 @@ from typing import Any
 
 from dappo_batch._core import ConfigError
 from dappo_batch.bench import Missing
+from dappo_batch.bench.measure import rotated
 from dappo_batch.machine import cores, describe
 from dappo_batch.robots import load_robot
 
-from ..entry import enter, rotated
+from ..entry import enter
 from ..limits import limited_to
 from ..products import Products
 from .data import collect

@@ -13,10 +13,10 @@ from functools import partial
 from typing import Any
 
 from dappo_batch._core import ConfigError
-from dappo_batch.bench.measure import Spread
+from dappo_batch.bench.measure import Spread, rotated
 from dappo_batch.machine import cores, describe
 
-from ..entry import enter, rotated
+from ..entry import enter
 from ..limits import limited_to
 from .bound import Machine, Rates
 from .report import Round, TrainingReport, results

@@ -49,7 +49,7 @@ pub struct Side {
     pub seeds: Vec<RunSummary>,
 }
 
-/// What a comparison says in a few numbers.
+/// A comparison in a few numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ComparisonSummary {
     /// The side whose gain is asked for.

@@ -48,7 +48,7 @@ pub struct GroupResult {
     /// Mean of the classes' forward rewards, m/s. Each class has the same weight.
     pub forward_reward: f64,
     /// Standard error of that mean over episodes, √(Σ s²) / classes with s the standard errors of the
-    /// classes; NaN for a single episode a class. It says nothing about the spread between classes.
+    /// classes; NaN for a single episode a class. It does not include the spread between classes.
     pub standard_error: f64,
     /// Episodes that ended in failure.
     pub falls: usize,

@@ -1,0 +1,65 @@
+"""What functions return, as frozen dataclasses.
+
+Those of commands have the numbers that ``--json`` prints. `Event`, `Change` and `Meta` are read from JSON by
+their `from_dict`.
+
+A forward reward is the mean over episodes of the sum of forward velocities, m/s. What cannot be known, as the
+standard error of a single episode, is None.
+"""
+
+from __future__ import annotations
+
+from dappo_batch.results.adaptation import (
+    AdaptationReport,
+    AdaptationSummary,
+    ClassOutcome,
+    DecisionTime,
+    Event,
+    Told,
+    Trial,
+)
+from dappo_batch.results.base import Result
+from dappo_batch.results.diagnosis import Cost, DiagnoserReport, DiagnosisSummary, EpochMetrics, Mistake
+from dappo_batch.results.evaluation import (
+    ClassComparison,
+    ClassResult,
+    Comparison,
+    ComparisonSummary,
+    Estimate,
+    EvaluationReport,
+    Gain,
+    GroupResult,
+    RunEvaluation,
+    RunSummary,
+    Side,
+)
+from dappo_batch.results.runs import Change, Meta
+
+__all__ = [
+    "AdaptationReport",
+    "AdaptationSummary",
+    "Change",
+    "ClassComparison",
+    "ClassOutcome",
+    "ClassResult",
+    "Comparison",
+    "ComparisonSummary",
+    "Cost",
+    "DecisionTime",
+    "DiagnoserReport",
+    "DiagnosisSummary",
+    "EpochMetrics",
+    "Estimate",
+    "EvaluationReport",
+    "Event",
+    "Gain",
+    "GroupResult",
+    "Meta",
+    "Mistake",
+    "Result",
+    "RunEvaluation",
+    "RunSummary",
+    "Side",
+    "Told",
+    "Trial",
+]

@@ -1,0 +1,206 @@
+"""Evaluations of policies on damage classes, and comparisons of learners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dappo_batch.results.base import Result
+
+__all__ = [
+    "ClassComparison",
+    "ClassResult",
+    "Comparison",
+    "ComparisonSummary",
+    "Estimate",
+    "EvaluationReport",
+    "Gain",
+    "GroupResult",
+    "RunEvaluation",
+    "RunSummary",
+    "Side",
+]
+
+
+@dataclass(frozen=True)
+class ClassResult(Result):
+    """A policy with one damage class: its number, name and group, and means over episodes.
+
+    ``episode_length`` is in env steps; ``falls`` counts episodes that ended in failure, ``diverged`` those
+    among them whose physics diverged.
+    """
+
+    damage_class: int
+    name: str
+    group: str
+    episodes: int
+    forward_reward: float
+    standard_error: float | None
+    episode_return: float
+    episode_length: float
+    falls: int
+    diverged: int
+
+
+@dataclass(frozen=True)
+class GroupResult(Result):
+    """A policy with a group of damage classes, each of the same weight; the group ``all`` holds every class.
+
+    The standard error is that over episodes, and does not include the spread between classes.
+    """
+
+    group: str
+    classes: int
+    episodes: int
+    forward_reward: float
+    standard_error: float | None
+    falls: int
+    diverged: int
+
+
+@dataclass(frozen=True)
+class RunEvaluation(Result):
+    """The evaluation of one run.
+
+    Attributes
+    ----------
+    run : str
+        Its run folder.
+    seed, env_steps : int
+        Seed of its training, and the env steps that its policy was trained for.
+    encoding : str
+        What the policy was told: ``true``, ``zero``, ``wrong`` or ``random``.
+    backend, precision, device, physics : str
+        What simulated.
+    classes : tuple of ClassResult
+        One entry a damage class, in the order of their numbers.
+    groups : tuple of GroupResult
+        One entry a group, and one for all classes.
+    """
+
+    run: str
+    seed: int
+    env_steps: int
+    encoding: str
+    backend: str
+    precision: str
+    device: str
+    physics: str
+    classes: tuple[ClassResult, ...]
+    groups: tuple[GroupResult, ...]
+
+
+@dataclass(frozen=True)
+class RunSummary(Result):
+    """One run of a comparison; the forward reward is the mean over all classes."""
+
+    run: str
+    seed: int
+    env_steps: int
+    forward_reward: float
+
+
+@dataclass(frozen=True)
+class Side(Result):
+    """One side of a comparison: runs of one learner that differ in their seeds, and their mean."""
+
+    encoding: str
+    forward_reward: float
+    seeds: tuple[RunSummary, ...]
+
+
+@dataclass(frozen=True)
+class Estimate(Result):
+    """A number with its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Gain(Result):
+    """How much more one learner reaches than another, on average over some damage classes.
+
+    ``absolute`` is the difference of the means, m/s; ``relative`` their ratio minus 1, or None if the other
+    mean is not above 0 in every resample.
+    """
+
+    classes: int
+    absolute: Estimate
+    relative: Estimate | None
+
+
+@dataclass(frozen=True)
+class ComparisonSummary(Result):
+    """A comparison in a few numbers.
+
+    Attributes
+    ----------
+    runs, others : Side
+        The side whose gain is asked for, and the one that it is compared with.
+    episodes, evaluation_seed : int
+        Episodes of each class and run, and the seed of their start states and of the resamples.
+    backend, precision, device, physics : str
+        What simulated.
+    classes_won : int
+        Classes in which the first side is ahead on average over its seeds.
+    share_won : float
+        Their share, 0 to 1.
+    gain : Gain
+        Over all classes.
+    adjacent_pairs, opposite_pairs : Gain or None
+        Over the classes with two damages on such limbs, if the robot has any.
+    resamples : int
+        Resamples of each interval.
+    confidence : float
+        Share of the resamples inside an interval.
+    intervals_cover : str
+        What was drawn anew in each resample.
+    """
+
+    runs: Side
+    others: Side
+    episodes: int
+    evaluation_seed: int
+    backend: str
+    precision: str
+    device: str
+    physics: str
+    classes_won: int
+    share_won: float
+    gain: Gain
+    adjacent_pairs: Gain | None
+    opposite_pairs: Gain | None
+    resamples: int
+    confidence: float
+    intervals_cover: str
+
+
+@dataclass(frozen=True)
+class ClassComparison(Result):
+    """One damage class of a comparison; ``difference`` is the first side's reward minus the other's."""
+
+    damage_class: int
+    name: str
+    group: str
+    forward_reward: float
+    other_forward_reward: float
+    difference: float
+    better: bool
+
+
+@dataclass(frozen=True)
+class Comparison(Result):
+    """A comparison of two learners, in a few numbers and class by class."""
+
+    summary: ComparisonSummary
+    classes: tuple[ClassComparison, ...]
+
+
+@dataclass(frozen=True)
+class EvaluationReport(Result):
+    """What `evaluate` found: its ``runs``, the ``others`` of ``compare``, and their comparison, if any."""
+
+    runs: tuple[RunEvaluation, ...]
+    others: tuple[RunEvaluation, ...]
+    comparison: Comparison | None
