@@ -200,6 +200,8 @@ def test_an_evaluation_returns_what_the_command_line_prints(run: Path) -> None:
             {"resume": "run"},
             "cannot be used together with (resume|run)",
         ),
+        ({"robot_changed": "use-run"}, "robot_changed cannot be used without resume"),
+        ({"json": False}, "there is no argument `json`"),
         ({"set": {"ppo.gama": 0.9}}, "unknown field `gama`"),
         ({"robot": "spider"}, "spider"),
     ],

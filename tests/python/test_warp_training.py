@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
 import dappo_batch
-from dappo_batch import ConfigError, SimulationError
+from dappo_batch import ConfigError, SimulationError, devices
 from dappo_batch._core import run_cli
 
 from .. import processes
@@ -151,11 +151,29 @@ def test_commands_that_read_a_run_take_sizes_of_their_own(
         dappo_batch.evaluate(finished, device="warp-cpu", threads=1, njmax=8)
 
 
+def test_sizes_hold_for_every_run_of_an_evaluation(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = shutil.copytree(finished, tmp_path / "other")
+    made: list[int | None] = []
+    opened = devices.open_stepper
+
+    def open_stepper(*arguments: object, **options: Any) -> object:  # noqa: ANN401 - passed on as it is
+        made.append(options["nconmax"])
+        return opened(*arguments, **options)
+
+    monkeypatch.setattr(devices, "open_stepper", open_stepper)
+    dappo_batch.evaluate(finished, compare=[other], episodes=1, device="warp-cpu", threads=1, nconmax=77)
+    assert made == [77, 77]
+
+
 def test_sizes_of_a_training_are_flags_too(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(run, ITERATION)
     assert run_cli(["train", "--resume", str(run), "--steps", str(2 * ITERATION), "--nconmax", "77"]) == 0
     assert tomllib.loads((run / "config.toml").read_text())["env"]["nconmax"] == 77
+    resumed = dappo_batch.resume(run, total_steps=3 * ITERATION, nconmax=78)
+    assert resumed.config["env"]["nconmax"] == 78
 
 
 def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Path) -> None:

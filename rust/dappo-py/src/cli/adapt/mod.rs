@@ -105,7 +105,9 @@ impl Scene {
             None if arguments.all_classes => (0..space.classes().len()).collect(),
             // The command line knows that by itself.
             None => {
-                return Err(LearnError::Invalid("give a damage, or all_classes for every one in turn".into()));
+                return Err(LearnError::Invalid(
+                    "give a damage, or all_classes for every one in turn".into(),
+                ));
             }
         };
         Ok(Trial {
