@@ -127,6 +127,13 @@ def test_another_base_and_an_empty_grid_are_refused(tmp_path: Path) -> None:
         sweep(BASE, {"seed": [0, 0]}, tmp_path / "other", executor=Inline())
 
 
+def test_an_option_that_is_none_is_left_out(tmp_path: Path) -> None:
+    executor = Inline()
+    cells = sweep(BASE | {"reward": None}, {"seed": [0]}, tmp_path / "sweep", executor=executor)
+    assert cells[0].error is None
+    assert sweep(BASE, {"seed": [0]}, tmp_path / "sweep", executor=executor) == cells
+
+
 @pytest.mark.slow
 def test_two_processes_cannot_train_one_run(tmp_path: Path) -> None:
     def train(_: int) -> str:

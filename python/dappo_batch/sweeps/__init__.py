@@ -66,8 +66,10 @@ def sweep(
     if callback is not None and not callable(callback):
         raise ConfigError(f"callback must be a function, got {shown(callback)}")
     cells = list(cells_of(grid, folder))
-    # Refuses what no command line can have, before the first cell.
-    check_settings({key: value for key, value in mapping(base, "base").items() if key != "set"}, "base")
+    # An option that is None is left out, as in `train`.
+    base = {key: value for key, value in mapping(base, "base").items() if value is not None}
+    # Refuses what no setting can be, before the first cell.
+    check_settings({key: value for key, value in base.items() if key != "set"}, "base")
     check_settings(base.get("set") or {}, "set")
     _claim(folder, base)
     if executor is None:
