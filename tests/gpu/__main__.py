@@ -1,4 +1,8 @@
-"""The command: runs the phases in order, prints what they find and keeps it in ``findings.json``."""
+"""``python -m tests.gpu``: whether a machine's GPU computes what it should, and how fast.
+
+It needs the extra ``gpu`` and no network. Phases run in order; those that no longer fit into the time are
+skipped and named. What they find is printed and kept in ``findings.json``.
+"""
 
 from __future__ import annotations
 
