@@ -2,7 +2,7 @@
 
 use std::slice;
 
-use dappo_learn::config::Faults;
+use dappo_learn::config::{Assignment, Faults, Layers};
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::ppo::config::MOST_WIDTH;
 use serde::{Deserialize, Serialize};
@@ -96,6 +96,15 @@ impl Default for DiagnoserConfig {
 }
 
 impl DiagnoserConfig {
+    /// The defaults with these settings laid over them, later ones over earlier ones.
+    pub fn with(settings: &[Assignment]) -> Result<Self> {
+        let mut layers = Layers::default();
+        layers.assign(settings)?;
+        let config: Self = layers.typed()?;
+        config.check()?;
+        Ok(config)
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();

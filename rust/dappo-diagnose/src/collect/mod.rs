@@ -4,11 +4,11 @@ mod pairs;
 
 use std::path::Path;
 
+use dappo_learn::RunPolicy;
 use dappo_learn::config::Faults;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
 use dappo_learn::fleet::Fleet;
-use dappo_nn::Policy;
 use dappo_sim::Backend;
 use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
@@ -35,14 +35,6 @@ pub struct CollectConfig {
     pub shard: Shard,
     /// Severity of the damage, as the class table has it.
     pub severity: f64,
-}
-
-/// A policy and the run that it comes from.
-pub struct RunPolicy {
-    /// The policy.
-    pub policy: Policy,
-    /// Which one it is.
-    pub id: PolicyId,
 }
 
 /// Whoever watches a collection.
@@ -88,8 +80,8 @@ fn header(
         action_dim: task.layout().nu,
         timing: config.preset.timing,
         twin: config.preset.twin,
-        expert: expert.id.clone(),
-        walker: walker.unwrap_or(expert).id.clone(),
+        expert: PolicyId::of(expert),
+        walker: PolicyId::of(walker.unwrap_or(expert)),
         backend: backend.name().into(),
         precision: backend.precision().into(),
     }

@@ -1,12 +1,13 @@
 //! Simulating the pairs of several rollouts at once.
 
+use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::fleet::Fleet;
 use dappo_nn::Policy;
 use dappo_sim::backend::{Backend, Reset};
 
-use super::{CollectConfig, RunPolicy};
+use super::CollectConfig;
 use crate::dataset::Record;
 use crate::{Preset, TwinAction};
 
@@ -39,7 +40,7 @@ impl<'a> Pairs<'a> {
             if got != expected {
                 return Err(LearnError::Invalid(format!(
                     "the policy in {} observes {got} numbers, expected {expected} of robot `{}`",
-                    one.id.run,
+                    one.run,
                     factory.robot().name
                 )));
             }

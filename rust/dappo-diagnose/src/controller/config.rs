@@ -1,6 +1,6 @@
 //! Settings of the run-time loop.
 
-use dappo_learn::config::Faults;
+use dappo_learn::config::{Assignment, Faults, Layers};
 use dappo_learn::error::{LearnError, Result};
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, VariantNames};
@@ -79,6 +79,15 @@ impl Default for ControllerConfig {
 }
 
 impl ControllerConfig {
+    /// The defaults with these settings laid over them.
+    pub fn with(settings: &[Assignment]) -> Result<Self> {
+        let mut layers = Layers::default();
+        layers.assign(settings)?;
+        let config: Self = layers.typed()?;
+        config.check()?;
+        Ok(config)
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();

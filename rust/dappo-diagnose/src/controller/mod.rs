@@ -10,6 +10,7 @@
 //! damage class that it has not named itself.
 
 mod config;
+mod parts;
 mod probation;
 mod robot;
 mod skills;
@@ -25,6 +26,7 @@ use dappo_sim::backend::{Backend, Reset};
 use crate::{TwinAction, Window};
 
 pub use config::{ControllerConfig, Trigger};
+pub use parts::Parts;
 use probation::{Probation, Rebuttal};
 use robot::Robot;
 pub use skills::Skills;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use dappo_learn::RunPolicy;
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::files::{read_text, write_first};
 use serde::{Deserialize, Serialize};
@@ -24,6 +25,15 @@ pub struct PolicyId {
     pub fingerprint: String,
     /// Env steps that it was trained for.
     pub env_steps: u64,
+}
+
+impl PolicyId {
+    /// That of the policy of a run.
+    #[must_use]
+    pub fn of(policy: &RunPolicy) -> Self {
+        let RunPolicy { run, fingerprint, env_steps, .. } = policy;
+        Self { run: run.clone(), fingerprint: fingerprint.clone(), env_steps: *env_steps }
+    }
 }
 
 /// Everything that determines the records, except for how many there are.

@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use dappo_learn::RunPolicy;
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
+use dappo_learn::run_folder::RunFolder;
 use dappo_nn::Standardizer;
 use dappo_sim::terms::ObservationTerm;
 use serde::{Deserialize, Serialize};
@@ -160,6 +162,19 @@ pub struct RunSource {
     pub fingerprint: String,
 }
 
+impl RunSource {
+    /// The source of the policy of a run.
+    pub fn of(folder: &RunFolder, policy: &RunPolicy) -> Result<Self> {
+        let RunPolicy { env_steps, fingerprint, .. } = policy;
+        Ok(Self {
+            run: last_name(folder.root()),
+            version: folder.version()?,
+            env_steps: *env_steps,
+            fingerprint: fingerprint.clone(),
+        })
+    }
+}
+
 /// The training of a diagnoser.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -238,6 +253,11 @@ impl ExportHeader {
             standardizer,
         })
     }
+}
+
+/// The name of a folder without those above it, which mean nothing on another machine.
+pub(crate) fn last_name(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The blocks of a diagnoser's input, in order.

@@ -14,6 +14,7 @@
 mod header;
 mod networks;
 mod onnx;
+mod run;
 mod tensors;
 
 use std::collections::BTreeMap;
@@ -35,10 +36,12 @@ use dappo_sim::terms::Task;
 
 use crate::controller::{ControllerConfig, Skills};
 
+pub(crate) use header::last_name;
 pub use header::{
     ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader, RunSource,
     Sources, TwinHeader,
 };
+pub use run::ExportedRun;
 use tensors::{Reader, Tensors};
 
 const CONFIG: &str = "config.toml";

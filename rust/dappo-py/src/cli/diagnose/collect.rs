@@ -5,21 +5,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use dappo_diagnose::collect::{CollectConfig, CollectObserver, RunPolicy, check_twins, collect};
-use dappo_diagnose::dataset::{DatasetHeader, PolicyId, Shard};
+use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
+use dappo_diagnose::dataset::{DatasetHeader, Shard};
 use dappo_diagnose::{Preset, TwinAction};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
-use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{LearnError, Result};
+use dappo_learn::{LearnError, Result, RunPolicy};
 use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::CollectArgs;
 use crate::cli::console::{note, print_line};
-use crate::cli::policy::{self, LoadedPolicy};
 use crate::cli::progress::bar;
 use crate::cli::{Caller, INTERRUPTED, settings};
 use crate::errors::OrRaise;
@@ -37,8 +35,8 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
     let (expert, walker) = pool.run(py, || -> Result<_> {
-        let expert = run_policy(&folder, &config, &factory)?;
-        let walker = walker.map(|run| run_policy(&run.folder, &run.config, &factory)).transpose()?;
+        let expert = RunPolicy::trained(&folder, &config, &factory)?;
+        let walker = walker.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
         check_twins(&wanted, &factory)?;
         Ok((expert, walker))
     })?;
@@ -104,12 +102,6 @@ fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> 
         Some(kept) => robot.check_same(py, run, (out, &kept), true),
         None => Ok(()),
     }
-}
-
-fn run_policy(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<RunPolicy> {
-    let LoadedPolicy { policy, env_steps, fingerprint } = policy::load_trained(folder, config, factory)?;
-    let run = folder.root().display().to_string();
-    Ok(RunPolicy { policy, id: PolicyId { run, fingerprint, env_steps } })
 }
 
 fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFactory) -> String {
