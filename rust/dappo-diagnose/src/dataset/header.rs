@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::{read_text, write_first};
 use serde::{Deserialize, Serialize};
 
@@ -80,7 +80,7 @@ impl DatasetHeader {
     /// Reads the header of a folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
-        let bad = |message: String| LearnError::Dataset { path: path.clone(), message };
+        let bad = |message: String| FileKind::Dataset.unusable(&path, message);
         let text = read_text(&path).map_err(|error| {
             bad(format!("it cannot be read ({error}); `dappo-batch diagnose collect` makes such a folder"))
         })?;
@@ -120,7 +120,7 @@ impl DatasetHeader {
     /// Writes the header into a folder that has none; fails if the folder holds records of another kind.
     pub fn write_or_match(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);
-        self.check().map_err(|message| LearnError::Dataset { path: path.clone(), message })?;
+        self.check().map_err(|message| FileKind::Dataset.unusable(&path, message))?;
         if !path.exists() {
             write_first(&path, self.to_json()?.as_bytes())?;
         }
@@ -129,13 +129,13 @@ impl DatasetHeader {
         let (one, other) = (self.entries()?, there.entries()?);
         match one.iter().find(|(key, value)| other.get(*key) != Some(value)) {
             None => Ok(()),
-            Some((key, wanted)) => Err(LearnError::Dataset {
+            Some((key, wanted)) => Err(FileKind::Dataset.unusable(
                 path,
-                message: format!(
+                format!(
                     "the folder holds records with `{key}` = {}, this command asks for {wanted}; choose another folder",
                     other.get(key).unwrap_or(&serde_json::Value::Null),
                 ),
-            }),
+            )),
         }
     }
 

@@ -12,7 +12,7 @@ use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
 use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{LearnError, Result};
+use dappo_learn::{FileKind, Result};
 use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
@@ -153,14 +153,14 @@ impl CollectObserver for Display {
         self.begun = Some((missing, Instant::now()));
         let Some(free) = free_space(&self.out).filter(|&free| free < bytes) else { return Ok(()) };
         let gigabytes = |bytes: u64| bytes as f64 / 1e9;
-        Err(LearnError::Dataset {
-            path: self.out.clone(),
-            message: format!(
+        Err(FileKind::Dataset.unusable(
+            &self.out,
+            format!(
                 "{missing} rollouts take {:.1} GB, but only {:.1} GB are free; make room, choose another disk, or collect fewer",
                 gigabytes(bytes),
                 gigabytes(free)
             ),
-        })
+        ))
     }
 
     fn collected(&mut self, done: usize, total: usize) {
