@@ -65,7 +65,7 @@ impl<const MIN: i64, const MAX: i64> fmt::Display for Whole<MIN, MAX> {
     }
 }
 
-/// A value of an enum, chosen by its name, which it reads as.
+/// A value of an enum, chosen by its name. As text it is that name, which is how settings take it.
 #[derive(Debug, Clone, Copy)]
 pub struct OneOf<T>(T);
 
