@@ -36,7 +36,7 @@ pub mod statistics;
 pub mod train;
 pub mod walk;
 
-pub use error::{LearnError, Result};
+pub use error::{FileKind, LearnError, Result};
 pub use gae::{Targets, gae};
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;

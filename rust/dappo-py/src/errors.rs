@@ -153,11 +153,7 @@ fn from_learn(error: &LearnError) -> PyErr {
         LearnError::Nn(error) => nn_kind(error),
         LearnError::Config { .. } | LearnError::Settings(_) | LearnError::Invalid(_) => Kind::Config,
         LearnError::Diverged { .. } => Kind::Simulation,
-        LearnError::Mismatch { .. }
-        | LearnError::Checkpoint { .. }
-        | LearnError::Dataset { .. }
-        | LearnError::Export { .. }
-        | LearnError::Io { .. } => Kind::Checkpoint,
+        LearnError::Unusable { .. } | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
 }

@@ -206,7 +206,7 @@ impl PyVectorEnv {
     /// Name of the backend.
     #[getter]
     fn backend(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().name())
+        Ok(self.env()?.backend().physics().backend())
     }
 
     /// Where the physics is computed.
@@ -224,7 +224,7 @@ impl PyVectorEnv {
     /// Floating-point format of the physics.
     #[getter]
     fn precision(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().precision())
+        Ok(self.env()?.backend().physics().precision())
     }
 
     /// How often the physics of an env has diverged since the env was made.

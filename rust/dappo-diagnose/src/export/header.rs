@@ -4,14 +4,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use dappo_learn::RunPolicy;
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
 use dappo_learn::run_folder::RunFolder;
 use dappo_nn::Standardizer;
 use dappo_sim::terms::ObservationTerm;
 use serde::{Deserialize, Serialize};
 
-use super::unusable;
 use crate::controller::ControllerConfig;
 use crate::{Description, Head, Method, Subject, Twin, TwinAction};
 
@@ -199,6 +198,7 @@ impl Manifest for ExportHeader {
     const NAME: &'static str = "export.json";
     const FORMAT: &'static str = "dappo-batch export 1";
     const KIND: &'static str = "an export";
+    const FILES: FileKind = FileKind::Export;
     const ADVICE: &'static str = "export again";
 
     fn seals(&self) -> Vec<(String, Seal)> {
@@ -207,10 +207,6 @@ impl Manifest for ExportHeader {
             checksum: Checksum::Sha256(file.sha256.clone()),
         };
         self.files.iter().map(|(name, file)| (name.clone(), seal(file))).collect()
-    }
-
-    fn error(path: &Path, message: String) -> LearnError {
-        unusable(path, message)
     }
 }
 

@@ -7,11 +7,10 @@ use std::time::Instant;
 
 use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
 use dappo_diagnose::dataset::{DatasetHeader, Shard};
-use dappo_diagnose::{Preset, TwinAction};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
-use dappo_learn::{LearnError, Result, RunPolicy};
+use dappo_learn::{FileKind, Result, RunPolicy};
 use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
@@ -74,19 +73,19 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
 }
 
 fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
-    let mut preset = Preset::named(&arguments.preset)?;
-    preset.timing.onset = arguments.onset.unwrap_or(preset.timing.onset);
-    preset.timing.delay = arguments.delay.unwrap_or(preset.timing.delay);
-    preset.timing.check()?;
-    if let Some(action) = &arguments.twin_action {
-        preset.twin.action = if &**action == "shared" { TwinAction::Shared } else { TwinAction::Own };
+    let mut protocol = arguments.preset.get().protocol();
+    protocol.timing.onset = arguments.onset.unwrap_or(protocol.timing.onset);
+    protocol.timing.delay = arguments.delay.unwrap_or(protocol.timing.delay);
+    protocol.timing.check()?;
+    if let Some(action) = arguments.twin_action {
+        protocol.twin.action = action.get();
     }
-    preset.twin.resync = arguments.resync.map_or(preset.twin.resync, |steps| steps.get() as u32);
+    protocol.twin.resync = arguments.resync.map_or(protocol.twin.resync, |steps| steps.get() as u32);
     Ok(CollectConfig {
         rollouts: arguments.rollouts.count(),
         timesteps: arguments.timesteps.count(),
         seed: arguments.seed.wide(),
-        preset,
+        protocol,
         shard: Shard::parse(&arguments.shard)?,
         severity: config.damage.severity,
     })
@@ -111,7 +110,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
         wanted.shard.range(wanted.rollouts).len(),
         factory.space().classes().len(),
         wanted.timesteps,
-        wanted.preset.name(),
+        wanted.protocol.name(),
         factory.describe(factory.evaluation_physics()),
         arguments.out.display()
     )
@@ -145,14 +144,14 @@ impl CollectObserver for Display {
         self.begun = Some((missing, Instant::now()));
         let Some(free) = free_space(&self.out).filter(|&free| free < bytes) else { return Ok(()) };
         let gigabytes = |bytes: u64| bytes as f64 / 1e9;
-        Err(LearnError::Dataset {
-            path: self.out.clone(),
-            message: format!(
+        Err(FileKind::Dataset.unusable(
+            &self.out,
+            format!(
                 "{missing} rollouts take {:.1} GB, but only {:.1} GB are free; make room, choose another disk, or collect fewer",
                 gigabytes(bytes),
                 gigabytes(free)
             ),
-        })
+        ))
     }
 
     fn collected(&mut self, done: usize, total: usize) {

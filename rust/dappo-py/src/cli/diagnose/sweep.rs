@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum;
+use dappo_diagnose::DiagnoserConfig;
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
-use dappo_diagnose::{DiagnoserConfig, Method};
 use dappo_learn::Result;
 use dappo_learn::evaluate::MeanVelocities;
 use dappo_learn::run_folder::RunFolder;
@@ -25,7 +25,7 @@ use crate::run_robot::RobotCopy;
 const TEST_SEED: &str = "1000000";
 
 pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i32> {
-    let grid = grid(arguments).or_raise()?;
+    let grid = grid(arguments);
     let base = DiagnoserConfig::with(&arguments.set).or_raise()?;
     // Each part of the sweep keeps as many threads busy as the cells do.
     let jobs = arguments.jobs.map_or_else(available, Threads::count);
@@ -65,14 +65,14 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     Ok(0)
 }
 
-fn grid(arguments: &SweepArgs) -> Result<Grid> {
-    Ok(Grid {
+fn grid(arguments: &SweepArgs) -> Grid {
+    Grid {
         timesteps: arguments.timesteps.iter().map(|steps| steps.count()).collect(),
-        methods: arguments.methods.iter().map(|name| Method::parse(name)).collect::<Result<_>>()?,
+        methods: arguments.methods.iter().map(|method| method.get()).collect(),
         rollouts: arguments.rollouts.iter().map(|rollouts| rollouts.count()).collect(),
         seeds: arguments.seeds.wide(),
         samples: arguments.samples.count(),
-    })
+    }
 }
 
 /// What comes before the cells: the training of the expert, unless there is one, and the two datasets.
