@@ -1,22 +1,20 @@
-"""Who takes part in a benchmark: what can be made here, and what cannot and why."""
+"""Who takes part in a benchmark of trainings, and its command line."""
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
 import json
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 from dappo_batch._core import SimulationError
-from dappo_batch.bench import Missing, measure
+from dappo_batch.bench import measure
 from dappo_batch.bench.contenders import Unavailable
 
 from .worker import Work, Worker, WorkerFailed
 
-__all__ = ["Entrant", "Kept", "enter", "print_report"]
-
-T = TypeVar("T")
+__all__ = ["Entrant", "Kept", "print_report"]
 
 
 class Entrant:
@@ -82,29 +80,6 @@ class Kept(Entrant):
     def close(self) -> None:
         """Free processes and memory."""
         self._worker.close()
-
-
-def enter(
-    makers: Mapping[str, Callable[[], T]], progress: Callable[[str], None]
-) -> tuple[list[T], list[Missing]]:
-    """Make everything that can run here, and say why the rest cannot.
-
-    Parameters
-    ----------
-    makers : mapping
-        From the key of a contender to what makes it or raises `Unavailable`.
-    progress : callable
-        Told what is made.
-    """
-    made: list[T] = []
-    missing: list[Missing] = []
-    for key, make in makers.items():
-        progress(f"making {key}")
-        try:
-            made.append(make())
-        except Unavailable as reason:
-            missing.append(Missing(key, str(reason), reason.install))
-    return made, missing
 
 
 def print_report(

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
-from dappo_batch._core import ConfigError
-from dappo_batch.bench import Missing
-from dappo_batch.bench.measure import Spread, rotated
+from dappo_batch.bench.measure import Missing, Spread, rotated
 
 from .entry import Entrant
 
-__all__ = ["Machine", "Report", "Round", "Sample", "Trainer", "check", "measure_rounds", "ratios"]
+__all__ = ["Report", "Round", "Trainer", "measure_rounds", "ratios"]
 
 _PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
 
@@ -28,15 +26,7 @@ class Sample(Protocol):
 
 
 R = TypeVar("R")
-R_co = TypeVar("R_co", covariant=True)
 S = TypeVar("S", bound=Sample)
-
-
-class Machine(Protocol[R_co]):
-    """Measures what bounds every contender."""
-
-    def measure(self, seconds: float) -> R_co:
-        """Measure for at least `seconds`."""
 
 
 class Trainer(Entrant, ABC, Generic[S]):
@@ -55,36 +45,21 @@ class Round(Generic[R, S]):
     samples: dict[str, S]
 
 
-def check(counts: Mapping[str, Sequence[int]], seconds: float) -> None:
-    """Refuse counts below 1 by their names, and a time that is none.
-
-    Raises
-    ------
-    ConfigError
-        If there is one.
-    """
-    for name, values in counts.items():
-        if min(values, default=0) < 1:
-            raise ConfigError(f"{name} must be at least 1, got {min(values, default='nothing')}")
-    if not 0.0 < seconds < float("inf"):
-        raise ConfigError(f"seconds must be above 0, got {seconds}")
-
-
 def measure_rounds(
-    machine: Machine[R],
+    machine: Callable[[float], R],
     trainers: Sequence[Trainer[S]],
     amount: int,
     rounds: int,
     seconds: float,
     progress: Callable[[str], None],
 ) -> list[Round[R, S]]:
-    """Measure everything `rounds` times; the order of the trainers rotates."""
+    """Measure everything `rounds` times, the machine for `seconds`; the order of the trainers rotates."""
     found = []
     for number in range(rounds):
         where = f"round {number + 1} of {rounds}"
         progress(f"{where}: the machine")
         time.sleep(_PAUSE)
-        measured = machine.measure(seconds)
+        measured = machine(seconds)
         samples = {}
         for trainer in rotated(trainers, number):
             progress(f"{where}: {trainer.key}")
@@ -127,18 +102,9 @@ class Report(ABC):
 
     def text(self) -> str:
         """Return everything as a text for people."""
-        missing = "\n".join(map(str, self.missing))
-        parts = (self._head(), self._table(), self._legend(), missing, self._bound())
-        return "\n\n".join(part for part in parts if part)
+        *parts, bound = self.parts()
+        return "\n\n".join(part for part in (*parts, "\n".join(map(str, self.missing)), bound) if part)
 
     @abstractmethod
-    def _head(self) -> str: ...
-
-    @abstractmethod
-    def _table(self) -> str: ...
-
-    @abstractmethod
-    def _legend(self) -> str: ...
-
-    @abstractmethod
-    def _bound(self) -> str: ...
+    def parts(self) -> tuple[str, ...]:
+        """Return the paragraphs of the text, the bound last."""

@@ -196,7 +196,7 @@ def test_rounds_rotate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rounds, "_PAUSE", 0.0)
     said: list[str] = []
     both = [Pretended(TINY), PretendedPeer(TINY)]
-    found = rounds.measure_rounds(Machine(TINY), both, 3, 2, 0.1, said.append)
+    found = rounds.measure_rounds(Machine(TINY).measure, both, 3, 2, 0.1, said.append)
     assert [line.split(": ")[1] for line in said if "machine" not in line] == [
         *("pretended", "sb3"),
         *("sb3", "pretended"),

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dappo_batch.bench import Missing
+from dappo_batch.bench.measure import Missing, check, enter
 from dappo_batch.machine import cores, describe
 from dappo_batch.robots import load_robot
 
-from ..entry import enter
 from ..limits import limited_to
 from ..products import Products
-from ..rounds import check, measure_rounds
+from ..rounds import measure_rounds
 from .data import collect
 from .report import Cell, DiagnoserReport, cell_of
 from .task import Task
@@ -116,10 +114,12 @@ def _measure(
     def tell(what: str) -> None:
         progress(f"{task.threads} threads, minibatch {task.minibatch}, {what}")
 
-    with limited_to(task.threads), ExitStack() as entered:
-        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
-        for trainer in trainers:
-            entered.callback(trainer.close)
-        products = entered.enter_context(closing(Products(task.threads)))
-        found = measure_rounds(products, trainers, epochs, rounds, seconds, tell)
+    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
+    with (
+        limited_to(task.threads),
+        entered as (entrants, missing),
+        closing(Products(task.threads)) as products,
+    ):
+        trainers = [*entrants.values()]
+        found = measure_rounds(products.measure, trainers, epochs, rounds, seconds, tell)
     return cell_of(task, found, trainers, products.note), missing

@@ -115,6 +115,10 @@ class DiagnoserReport(rounds.Report):
 
     cells: tuple[Cell, ...]
 
+    def parts(self) -> tuple[str, ...]:
+        """Return the paragraphs of the text, the bound last."""
+        return self._head(), self._table(), self._legend(), self._bound()
+
     def _head(self) -> str:
         one = self.settings
         widths = "-".join(map(str, (one["embedding"], one["lstm"], *one["hidden"], one["classes"])))

@@ -7,17 +7,15 @@ busy or throttled machine too; the absolute numbers are those of the moment.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
-from dappo_batch.bench.measure import Spread
+from dappo_batch.bench.measure import Spread, check, enter
 from dappo_batch.machine import cores, describe
 
-from ..entry import enter
 from ..limits import limited_to
-from ..rounds import check, measure_rounds
+from ..rounds import measure_rounds
 from .bound import Machine
 from .report import TrainingReport, results
 from .task import Task
@@ -80,12 +78,10 @@ def run(
     counts |= {"iterations": iterations, "rounds": rounds}
     check({name: [value] for name, value in counts.items()}, seconds)
     described = describe()
-    with limited_to(task.threads), ExitStack() as entered:
-        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
-        for trainer in trainers:
-            entered.callback(trainer.close)
-        machine = entered.enter_context(closing(Machine(task)))
-        measured = measure_rounds(machine, trainers, iterations, rounds, seconds, progress)
+    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
+    with limited_to(task.threads), entered as (entrants, missing), closing(Machine(task)) as machine:
+        trainers = [*entrants.values()]
+        measured = measure_rounds(machine.measure, trainers, iterations, rounds, seconds, progress)
     return TrainingReport(
         machine=described,
         settings=_settings(task) | {"iterations": iterations, "rounds": rounds, "seconds": seconds},

@@ -110,6 +110,10 @@ class TrainingReport(rounds.Report):
     sgemm_note: str
     physics: dict[str, Spread]
 
+    def parts(self) -> tuple[str, ...]:
+        """Return the paragraphs of the text, the bound last."""
+        return self._head(), self._table(), self._legend(), self._bound()
+
     def _head(self) -> str:
         settings = self.settings
         return (
