@@ -41,7 +41,7 @@ pub use folder::{LockedTraining, TrainingFolder};
 pub use head::Head;
 pub use method::Method;
 pub use model::{Description, Diagnoser};
-pub use preset::Preset;
+pub use preset::{Preset, Protocol};
 pub use report::{CalibrationBin, DiagnosisSummary, Report};
 pub use samples::{Sample, Split};
 pub use source::{PairSource, Window};

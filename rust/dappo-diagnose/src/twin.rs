@@ -1,10 +1,13 @@
 //! The healthy twin: a simulated robot that does what the real one would do if it were not damaged.
 
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// Whose actions the twin takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[derive(EnumString, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "snake_case")]
 pub enum TwinAction {
     /// The expert's, on the twin's own observation.
     #[default]

@@ -7,7 +7,7 @@ use dappo_learn::files::{read_text, write_first};
 use serde::{Deserialize, Serialize};
 
 use super::npy::Field;
-use crate::{Preset, Subject, Timing, Twin};
+use crate::{Protocol, Subject, Timing, Twin};
 
 const FORMAT: &str = "dappo-batch pairs 1";
 const FILE: &str = "dataset.json";
@@ -67,8 +67,8 @@ impl DatasetHeader {
 
     /// When the damage strikes and how the twin is led.
     #[must_use]
-    pub fn preset(&self) -> Preset {
-        Preset { timing: self.timing, twin: self.twin }
+    pub fn protocol(&self) -> Protocol {
+        Protocol { timing: self.timing, twin: self.twin }
     }
 
     /// Whether a folder has a header.
@@ -161,7 +161,7 @@ impl DatasetHeader {
             Field::f32("damaged", &[classes, steps, self.obs_dim]),
             Field::f32("actions", &[classes, steps, self.action_dim]),
         ];
-        if self.preset().needs_twins() {
+        if self.protocol().needs_twins() {
             fields.push(Field::f32("twin", &[classes, steps, self.obs_dim]));
         }
         fields.extend([Field::u32("onset", &[]), Field::u32("delay", &[]), Field::u32("fallen", &[classes])]);

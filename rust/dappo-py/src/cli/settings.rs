@@ -117,14 +117,14 @@ pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_l
     // Threads are a matter of this machine, not of the one that trained.
     config.env.threads = arguments.threads();
     arguments.room.lay_over(&mut config.env);
-    if let Some(backend) = &arguments.backend {
-        config.env.backend = BackendKind::parse(backend)?;
+    if let Some(backend) = arguments.backend {
+        config.env.backend = backend.get();
     }
-    if let Some(precision) = &arguments.precision {
-        config.evaluation.precision = Precision::parse(precision)?;
+    if let Some(precision) = arguments.precision {
+        config.evaluation.precision = precision.get();
     }
-    if let Some(device) = &arguments.device {
-        config.evaluation.device = Device::parse(device)?;
+    if let Some(device) = arguments.device {
+        config.evaluation.device = device.get();
     }
     config.evaluation.device = warp::resolve(config.evaluation.device)?;
     Ok(())

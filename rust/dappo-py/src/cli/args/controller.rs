@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_diagnose::controller::ControllerConfig;
+use dappo_diagnose::controller::{ControllerConfig, Trigger};
 use dappo_learn::config::Assignment;
 use pyo3::prelude::*;
 
-use super::{OneOf, Triggers};
+use super::OneOf;
 use crate::controller::{self, Parts};
 use crate::keywords::arguments;
 use crate::run_robot::OpenRun;
@@ -32,7 +32,7 @@ arguments! {
         pub expert: Option<PathBuf>,
         /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
         #[arg(long, default_value = "residual", requires = "diagnoser")]
-        pub trigger: OneOf<Triggers>,
+        pub trigger: OneOf<Trigger>,
         /// Other settings of the controller, for example cooldown=100
         #[arg(long, value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
         pub controller: Vec<Assignment>,

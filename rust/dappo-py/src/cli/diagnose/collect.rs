@@ -7,7 +7,6 @@ use std::time::Instant;
 
 use dappo_diagnose::collect::{CollectConfig, CollectObserver, RunPolicy, check_twins, collect};
 use dappo_diagnose::dataset::{DatasetHeader, PolicyId, Shard};
-use dappo_diagnose::{Preset, TwinAction};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
@@ -76,19 +75,19 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
 }
 
 fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
-    let mut preset = Preset::named(&arguments.preset)?;
-    preset.timing.onset = arguments.onset.unwrap_or(preset.timing.onset);
-    preset.timing.delay = arguments.delay.unwrap_or(preset.timing.delay);
-    preset.timing.check()?;
-    if let Some(action) = &arguments.twin_action {
-        preset.twin.action = if &**action == "shared" { TwinAction::Shared } else { TwinAction::Own };
+    let mut protocol = arguments.preset.get().protocol();
+    protocol.timing.onset = arguments.onset.unwrap_or(protocol.timing.onset);
+    protocol.timing.delay = arguments.delay.unwrap_or(protocol.timing.delay);
+    protocol.timing.check()?;
+    if let Some(action) = arguments.twin_action {
+        protocol.twin.action = action.get();
     }
-    preset.twin.resync = arguments.resync.map_or(preset.twin.resync, |steps| steps.get() as u32);
+    protocol.twin.resync = arguments.resync.map_or(protocol.twin.resync, |steps| steps.get() as u32);
     Ok(CollectConfig {
         rollouts: arguments.rollouts.count(),
         timesteps: arguments.timesteps.count(),
         seed: arguments.seed.wide(),
-        preset,
+        protocol,
         shard: Shard::parse(&arguments.shard)?,
         severity: config.damage.severity,
     })
@@ -119,7 +118,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
         wanted.shard.range(wanted.rollouts).len(),
         factory.space().classes().len(),
         wanted.timesteps,
-        wanted.preset.name(),
+        wanted.protocol.name(),
         factory.describe(factory.evaluation_physics()),
         arguments.out.display()
     )

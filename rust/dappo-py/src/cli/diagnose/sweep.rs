@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum;
-use dappo_diagnose::Method;
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
 use dappo_learn::Result;
@@ -26,7 +25,7 @@ use crate::run_robot::RobotCopy;
 const TEST_SEED: &str = "1000000";
 
 pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i32> {
-    let grid = grid(arguments).or_raise()?;
+    let grid = grid(arguments);
     let base = settings(Layers::default(), &arguments.set).or_raise()?;
     let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
     // Each part of the sweep keeps as many threads busy as the cells do.
@@ -86,14 +85,14 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     Ok(0)
 }
 
-fn grid(arguments: &SweepArgs) -> Result<Grid> {
-    Ok(Grid {
+fn grid(arguments: &SweepArgs) -> Grid {
+    Grid {
         timesteps: arguments.timesteps.iter().map(|steps| steps.count()).collect(),
-        methods: arguments.methods.iter().map(|name| Method::parse(name)).collect::<Result<_>>()?,
+        methods: arguments.methods.iter().map(|method| method.get()).collect(),
         rollouts: arguments.rollouts.iter().map(|rollouts| rollouts.count()).collect(),
         seeds: arguments.seeds.wide(),
         samples: arguments.samples.count(),
-    })
+    }
 }
 
 /// Whether a training of at least so many env steps has come to its end, which is an evaluation.

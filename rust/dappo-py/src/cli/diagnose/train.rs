@@ -115,7 +115,7 @@ fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -
         config.rollouts.unwrap_or(data.rollouts()),
         data.rollouts(),
         data.classes(),
-        data.header().preset().name(),
+        data.header().protocol().name(),
         folder.root().display()
     )
 }
