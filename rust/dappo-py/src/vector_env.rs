@@ -205,7 +205,7 @@ impl PyVectorEnv {
     /// Name of the backend.
     #[getter]
     fn backend(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().name())
+        Ok(self.env()?.backend().physics().backend())
     }
 
     /// Where the physics is computed.
@@ -223,7 +223,7 @@ impl PyVectorEnv {
     /// Floating-point format of the physics.
     #[getter]
     fn precision(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().precision())
+        Ok(self.env()?.backend().physics().precision())
     }
 
     /// How often the physics of an env has diverged since the env was made.

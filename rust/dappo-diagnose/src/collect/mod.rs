@@ -90,8 +90,8 @@ fn header(
         twin: config.protocol.twin,
         expert: expert.id.clone(),
         walker: walker.unwrap_or(expert).id.clone(),
-        backend: backend.name().into(),
-        precision: backend.precision().into(),
+        backend: backend.physics().backend().into(),
+        precision: backend.physics().precision().into(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use dappo_sim::backend::{BackendSnapshot, ObsRows};
 use dappo_sim::terms::Task;
-use dappo_sim::{Backend, Layout, Reset, Robot, SimError, StepOutputs};
+use dappo_sim::{Backend, Layout, Physics, Reset, Robot, SimError, StepOutputs};
 
 /// Its robot.
 pub const ROBOT: &str = r#"
@@ -67,12 +67,8 @@ impl Counter {
 }
 
 impl Backend for Counter {
-    fn name(&self) -> &'static str {
-        "counter"
-    }
-
-    fn precision(&self) -> &'static str {
-        "f64"
+    fn physics(&self) -> Physics {
+        Physics::Mujoco
     }
 
     fn num_envs(&self) -> usize {
