@@ -105,6 +105,9 @@ impl Controller {
 
     /// Begins anew with the robots marked in `mask`, all for `None`: they are taken for healthy, and nothing is known of
     /// them, so that a reading that is lost before its first finite value counts as 0.
+    ///
+    /// # Shapes
+    /// mask `[N]`
     pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<()> {
         mask.map_or(Ok(()), |mask| check_length("reset mask [N]", mask, self.robots.len()))?;
         let (width, action_dim) = (self.obs_dim(), self.action_dim());
