@@ -1,5 +1,5 @@
 //! Products of row-major f32 matrices on one thread: our own with AVX-512 where columns of the second matrix are next to
-//! each other, those of the `gemm` crate otherwise.
+//! each other, those of the `gemm` crate otherwise, which chooses its instruction set itself.
 
 use super::Level;
 #[cfg(target_arch = "x86_64")]
