@@ -4,6 +4,8 @@
 mod class;
 mod outcome;
 mod summary;
+#[cfg(test)]
+mod tests;
 mod trace;
 
 use dappo_learn::config::Config;
