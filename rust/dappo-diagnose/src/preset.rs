@@ -51,7 +51,7 @@ impl Protocol {
 
     /// Whether each damage class needs a twin of its own. Otherwise the run of the healthy class is the twin of all.
     #[must_use]
-    pub fn needs_twins(&self) -> bool {
+    pub(crate) fn needs_twins(&self) -> bool {
         !self.timing.starts_at_reset() || self.twin != Twin::default()
     }
 }

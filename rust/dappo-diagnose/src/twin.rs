@@ -30,7 +30,7 @@ pub struct Twin {
 impl Twin {
     /// Whether it is put beside the robot again before step `step` of the window, the first being 0.
     #[must_use]
-    pub fn resyncs_before(&self, step: usize) -> bool {
+    pub(crate) fn resyncs_before(self, step: usize) -> bool {
         step > 0 && self.resync > 0 && step.is_multiple_of(self.resync as usize)
     }
 }

@@ -73,7 +73,7 @@ fn check_unit(key: &'static str, value: f64, expected: &'static str, more: bool)
 /// # Shapes
 /// values, returns `[B]`
 #[must_use]
-pub fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
+pub(crate) fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let variance = |xs: &mut dyn Iterator<Item = f64>| {
         let xs: Vec<f64> = xs.collect();
         let mean = xs.iter().sum::<f64>() / xs.len() as f64;

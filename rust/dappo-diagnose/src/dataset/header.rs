@@ -118,7 +118,7 @@ impl DatasetHeader {
     }
 
     /// Writes the header into a folder that has none; fails if the folder holds records of another kind.
-    pub fn write_or_match(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn write_or_match(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);
         self.check().map_err(|message| FileKind::Dataset.unusable(&path, message))?;
         if !path.exists() {
@@ -170,7 +170,7 @@ impl DatasetHeader {
 
     /// Bytes of a record.
     #[must_use]
-    pub fn record_bytes(&self) -> u64 {
+    pub(crate) fn record_bytes(&self) -> u64 {
         self.fields().iter().map(|field| field.bytes() as u64).sum()
     }
 }
