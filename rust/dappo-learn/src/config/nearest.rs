@@ -3,24 +3,23 @@
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-/// Similarity (Jaro–Winkler, 0 to 1) from which on a key is worth suggesting.
+/// Similarity of names (Jaro–Winkler, 0 to 1) from which on one is suggested for the other.
 const SIMILAR: f64 = 0.85;
 
-/// The setting of a type that is nearest to a dotted key that it does not have: the one of this name in another section,
-/// or else one that is spelt alike.
+/// The setting of a type that is nearest to a dotted key that it does not have: the one whose name is spelt most alike,
+/// in whatever section; of several the one in the fewest sections, and in the most similar one.
 pub(super) fn nearest<T: DeserializeOwned>(key: &str) -> Option<String> {
     let mut settings = Vec::new();
     collect::<T>("", &mut settings);
-    let last = last(key);
-    if let Some(found) = settings.iter().find(|setting| self::last(setting) == last) {
-        return Some(found.clone());
-    }
-    let similarity = |setting: &str| {
-        strsim::jaro_winkler(key, setting).max(strsim::jaro_winkler(last, self::last(setting)))
-    };
-    let rated = settings.into_iter().map(|setting| (similarity(&setting), setting));
-    let best = rated.max_by(|one, other| one.0.total_cmp(&other.0));
-    best.filter(|(similarity, _)| *similarity >= SIMILAR).map(|(_, setting)| setting)
+    let rated = settings.into_iter().map(|setting| {
+        let name = strsim::jaro_winkler(last(key), last(&setting));
+        let sections = setting.matches('.').count();
+        ((name, std::cmp::Reverse(sections), strsim::jaro_winkler(key, &setting)), setting)
+    });
+    let best = rated.max_by(|(one, _), (other, _)| {
+        one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)).then(one.2.total_cmp(&other.2))
+    });
+    best.filter(|((name, ..), _)| *name >= SIMILAR).map(|(_, setting)| setting)
 }
 
 fn last(key: &str) -> &str {
