@@ -30,17 +30,19 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-# Fences of the guides say whether tests run them, which a highlighter need not know.
+# Third-party programs behind the adaptors and executors: large, and not needed to describe these.
+autodoc_mock_imports = ["ray", "rsl_rl", "stable_baselines3", "submitit", "tensordict", "torch"]
+# Fences of the guides contain whether tests run them, which is unknown to the highlighter.
 suppress_warnings = ["misc.highlighting_failure"]
 
 
 def to_the_repository(app: Sphinx, tree: nodes.document) -> None:
-    """Let links to files outside of the site lead to the repository."""
+    """Resolve links to files outside the site to the repository."""
     env = app.env
     page = Path(env.doc2path(env.current_document.docname))
     for node in [*tree.findall(pending_xref), *tree.findall(download_reference)]:
         target, _, anchor = node["reftarget"].partition("#")
-        # The README, which is part of the first page, lies in the root.
+        # The README, which is part of the first page, is in the root.
         places = [place / f"{target}{end}" for place in (page.parent, ROOT) for end in ("", ".md")]
         path = next((place.resolve() for place in places if target and place.exists()), None)
         if path is None or env.path2doc(path) in env.found_docs:
@@ -50,5 +52,5 @@ def to_the_repository(app: Sphinx, tree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Connect what this site does by itself, before Sphinx copies the files that can be downloaded."""
+    """Connect the handler, before Sphinx copies the files that can be downloaded."""
     app.connect("doctree-read", to_the_repository, priority=100)
