@@ -8,7 +8,7 @@ learners and seeds stay:
 - ``curves.svg``: the curves, a line for the mean over the seeds of a learner and a band from the lowest to
   the highest seed.
 
-It needs nothing but Python.
+It needs only Python.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ classes in which it is ahead, and the groups of damage classes.
 
 Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
 classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does
-the last digit. It needs nothing but Python.
+the last digit. It needs only Python.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Usage: ``python docs/results/presets.py PRESET=RUN...`` writes ``docs/results/presets/curves.csv``, the mean
 forward reward of the episodes that ended within each half minute of rollout and update, and ``curves.svg``.
 
-It needs nothing but Python.
+It needs only Python.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Usage: ``python docs/results/trace.py OUT.svg SECONDS_A_STEP LABEL=TRACE.csv...`` takes what
 ``dappo-batch adapt --log`` writes.
 
-It needs nothing but Python.
+It needs only Python and `curves.py`.
 """
 
 from __future__ import annotations
