@@ -75,7 +75,7 @@ class Controller(NotPicklable):
             trigger=text(trigger, "trigger"),
             settings=settings,
             threads=integer(threads, "threads", 1),
-            robot_changed=None if robot_changed is None else text(robot_changed, "robot_changed"),
+            robot_changed=robot_changed,
         )
         self._events: list[Event] = []
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dappo_batch import _core
-from dappo_batch._checks import array, finite, integer, text
+from dappo_batch._checks import array, finite, integer
 from dappo_batch._checks import folder as _folder
 from dappo_batch._core import ShapeError
 from dappo_batch._pickling import NotPicklable
@@ -60,9 +60,8 @@ class Diagnoser(NotPicklable):
             If a file cannot be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        changed = None if robot_changed is None else text(robot_changed, "robot_changed")
         folders = _folder(folder, "folder"), _folder(expert, "expert")
-        return cls(_core.Diagnoser.load(*folders, threads=workers, robot_changed=changed))
+        return cls(_core.Diagnoser.load(*folders, threads=workers, robot_changed=robot_changed))
 
     @property
     def obs_dim(self) -> int:

@@ -57,8 +57,7 @@ class Policy(NotPicklable):
             If it has no checkpoint that can be read.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
-        changed = None if robot_changed is None else text(robot_changed, "robot_changed")
-        return cls(_core.Policy.load(folder(run, "run"), threads=workers, robot_changed=changed))
+        return cls(_core.Policy.load(folder(run, "run"), threads=workers, robot_changed=robot_changed))
 
     @classmethod
     def from_export(cls, export: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:

@@ -145,7 +145,7 @@ def test_with_use_run_everything_is_as_it_was_and_with_use_file_as_the_file_is(p
     np.testing.assert_array_equal(
         Policy.load(aware, robot_changed="use-file").act(obs), Policy.load(aware).act(obs)
     )
-    assert "expected `use-run` or `use-file`" in refusal(
+    assert "robot_changed must be one of 'use-run', 'use-file'" in refusal(
         lambda: Policy.load(aware, robot_changed="neither")  # type: ignore[arg-type]
     )
 

@@ -2,7 +2,7 @@
 
 use std::slice;
 
-use dappo_learn::config::Faults;
+use dappo_learn::config::{Assignment, Faults, Layers};
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::ppo::config::MOST_WIDTH;
 use serde::{Deserialize, Serialize};
@@ -96,6 +96,15 @@ impl Default for DiagnoserConfig {
 }
 
 impl DiagnoserConfig {
+    /// The defaults with these settings laid over them, later ones over earlier ones.
+    pub fn with(settings: &[Assignment]) -> Result<Self> {
+        let mut layers = Layers::default();
+        layers.assign(settings)?;
+        let config: Self = layers.typed()?;
+        config.check()?;
+        Ok(config)
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();
@@ -160,7 +169,34 @@ impl DiagnoserConfig {
 
 #[cfg(test)]
 mod tests {
+    use std::str::FromStr;
+
+    use strum::VariantNames;
+
     use super::*;
+    use crate::TwinAction;
+    use crate::controller::Trigger;
+
+    /// Checks the names of an enum: on the command line, in files, and of its values.
+    fn check_names<T>(names: &[&str])
+    where
+        T: FromStr + VariantNames + Serialize + Into<&'static str>,
+    {
+        assert_eq!(T::VARIANTS, names);
+        for name in names {
+            let value: T = name.parse().ok().unwrap();
+            assert_eq!(serde_json::to_value(&value).unwrap(), *name);
+            assert_eq!(value.into(), *name);
+        }
+    }
+
+    #[test]
+    fn values_have_the_same_name_on_the_command_line_and_in_files() {
+        check_names::<Method>(&["A", "B", "C", "D"]);
+        check_names::<Head>(&["classes", "limbs"]);
+        check_names::<TwinAction>(&["own", "shared"]);
+        check_names::<Trigger>(&["residual", "speed"]);
+    }
 
     #[test]
     fn the_defaults_are_the_papers_network_and_pass_their_own_check() {

@@ -17,12 +17,12 @@ pub struct Mistake {
     pub class: String,
     /// The class that was named.
     pub named: String,
-    /// Share of the windows of the true class.
+    /// Share of the windows of the true class, 0 to 1.
     pub share: f64,
-    /// Forward reward of the policy with the code of the true class.
+    /// Forward reward of the policy with the code of the true class: mean over episodes of Σ forward velocity, m/s.
     #[serde(rename = "told_truth")]
     pub true_reward: f64,
-    /// Forward reward of the policy with the code of the class that was named.
+    /// Forward reward of the policy with the code of the class that was named, m/s.
     #[serde(rename = "told_mistake")]
     pub mistaken_reward: f64,
 }
@@ -30,13 +30,13 @@ pub struct Mistake {
 /// The forward reward of a policy that has the code of every robot's diagnosis instead of its damage's.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cost {
-    /// Mean forward reward over the classes, with the true code.
+    /// Mean forward reward over the classes, with the true code, m/s.
     #[serde(rename = "told_truth")]
     pub true_reward: f64,
-    /// The same with the code of the diagnosis; mistakes are weighted by how often they were made.
+    /// The same with the code of the diagnosis, m/s; mistakes are weighted by how often they were made.
     #[serde(rename = "told_diagnosis")]
     pub diagnosed_reward: f64,
-    /// The second as a share of the first: the gait-equivalent accuracy.
+    /// The second as a share of the first, the gait-equivalent accuracy; 1 without mistakes that cost anything.
     pub gait_equivalent_accuracy: f64,
     /// The mistakes, those that cost most over all classes first.
     pub mistakes: Vec<Mistake>,
@@ -95,7 +95,10 @@ pub fn cost(
 }
 
 /// The mean forward reward of a policy with the code of the second class of each pair, on robots with the
-/// first.
+/// first, m/s.
+///
+/// # Shapes
+/// pairs `[P]`; returns `[P]`
 fn rewards(
     policy: &dyn MeanActions,
     config: &Config,

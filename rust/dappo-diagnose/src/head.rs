@@ -2,6 +2,7 @@
 
 use burn::tensor::{Tensor, activation};
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantNames};
 
 use super::Subject;
 
@@ -11,6 +12,8 @@ use super::Subject;
 /// outputs say that row is. The loss is minus the score of the true class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[derive(EnumString, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "lowercase")]
 pub enum Head {
     /// One output a class, of which exactly one is true: softmax and cross-entropy (paper).
     Classes,

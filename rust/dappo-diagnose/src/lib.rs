@@ -5,7 +5,7 @@
 //! expert (a policy trained on the healthy robot)
 //!   └── collect: both robots of every (rollout, damage class) walk for T steps   → dataset on disk
 //!         └── train: the network, from what a method shows it of a window        → diagnoser
-//!               └── report: confusion, accuracy, calibration; cost: what mistakes do to the walk
+//!               └── evaluate: confusion, accuracy, calibration; cost: what mistakes do to the walk
 //! sweep: many trainings over one dataset, and the paper's Table 1
 //!
 //! controller: one trial, no reset: suspicion, examination by the diagnoser, the policy with another damage code
@@ -19,6 +19,7 @@ mod config;
 pub mod controller;
 pub mod cost;
 pub mod dataset;
+pub mod evaluate;
 pub mod export;
 mod folder;
 mod head;
@@ -41,7 +42,7 @@ pub use folder::{LockedTraining, TrainingFolder};
 pub use head::Head;
 pub use method::Method;
 pub use model::{Description, Diagnoser};
-pub use preset::Preset;
+pub use preset::{Preset, Protocol};
 pub use report::{CalibrationBin, DiagnosisSummary, Report};
 pub use samples::{Sample, Split};
 pub use source::{PairSource, Window};

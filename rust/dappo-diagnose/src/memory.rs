@@ -11,7 +11,7 @@ use crate::{DiagnoserConfig, PairSource, Subject};
 const DIAGNOSER_COPIES: usize = COPIES + 8;
 
 /// Fails if the trainings of diagnosers, so many of them at once, do not fit the memory.
-pub fn check_diagnosers(
+pub(crate) fn check_diagnosers(
     configs: &[DiagnoserConfig],
     at_once: usize,
     source: &dyn PairSource,

@@ -1,6 +1,6 @@
 //! What the network sees of a window at every time step.
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::Result;
 use dappo_nn::error::check_length;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr, VariantNames};
@@ -23,22 +23,10 @@ pub enum Method {
 }
 
 impl Method {
-    /// The names of all methods.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
     /// Its name, a letter.
     #[must_use]
     pub fn name(self) -> &'static str {
         self.into()
-    }
-
-    /// The method of this name.
-    pub fn parse(name: &str) -> Result<Self> {
-        name.parse().map_err(|_| LearnError::Config {
-            key: "method",
-            got: format!("`{name}`"),
-            expected: "`A`, `B`, `C` or `D`",
-        })
     }
 
     /// Numbers of one time step, F.

@@ -10,7 +10,7 @@ use std::path::Path;
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use dappo_learn::{
-    error::{LearnError, Result},
+    error::{FileKind, LearnError, Result},
     files::{
         Files,
         sealed::{Checksum, Manifest, Seal, SealedFolder, UnsealedFolder},
@@ -95,15 +95,12 @@ impl Manifest for DiagnoserManifest {
     const IS_TOML: bool = true;
     const FORMAT: &'static str = "dappo-batch diagnoser 2";
     const KIND: &'static str = "a diagnoser";
+    const FILES: FileKind = FileKind::Checkpoint;
     const ADVICE: &'static str = "train the diagnoser again";
     const UNLISTED: &'static [&'static str] = &[WEIGHTS];
 
     fn seals(&self) -> Vec<(String, Seal)> {
         vec![(WEIGHTS.into(), Seal { bytes: None, checksum: Checksum::Crc32(self.weights_crc32) })]
-    }
-
-    fn error(path: &Path, message: String) -> LearnError {
-        unreadable(path, message)
     }
 }
 

@@ -41,7 +41,7 @@ pub struct Report {
     pub held_out: Vec<usize>,
     /// Windows by true class (rows) and named class (columns), `[C, C]`.
     pub confusion: Vec<usize>,
-    /// Share of every rollout's windows whose class was named correctly.
+    /// Share of every rollout's windows whose class was named correctly, 0 to 1, `[rollouts]`.
     pub rollout_accuracy: Vec<f64>,
     /// Confidence and accuracy.
     pub calibration: Vec<CalibrationBin>,
@@ -70,7 +70,7 @@ pub struct DiagnosisSummary {
 }
 
 impl Diagnoser {
-    /// Diagnoses the windows of all classes in `rollouts` of a source.
+    /// Diagnoses the windows of all classes in `rollouts` of a source, given by their numbers in it.
     pub fn evaluate(&self, source: &dyn PairSource, rollouts: &[usize]) -> Result<Report> {
         let description = self.description();
         let classes = description.subject.classes();

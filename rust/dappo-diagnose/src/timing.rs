@@ -56,7 +56,7 @@ impl Span {
 impl Timing {
     /// Whether every window begins with the episode.
     #[must_use]
-    pub fn starts_at_reset(&self) -> bool {
+    pub(crate) fn starts_at_reset(&self) -> bool {
         (self.onset.last, self.delay.last) == (0, 0)
     }
 

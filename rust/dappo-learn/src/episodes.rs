@@ -100,7 +100,7 @@ impl EpisodeTracker {
     }
 
     /// The means since the last call.
-    pub fn summarize(&mut self) -> EpisodeSummary {
+    pub(crate) fn summarize(&mut self) -> EpisodeSummary {
         let ended = std::mem::take(&mut self.ended);
         let mean = |sum: f64| (ended.count > 0).then(|| sum / ended.count as f64);
         EpisodeSummary {

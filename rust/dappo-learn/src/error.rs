@@ -1,5 +1,6 @@
 //! What can go wrong while learning. Every message says what was read, what was got and what was expected.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// The result of a fallible operation of this crate.
@@ -40,40 +41,14 @@ pub enum LearnError {
         /// What to do.
         advice: String,
     },
-    /// A checkpoint belongs to a learner of another form.
-    #[error("checkpoint {}: {what} is {got}, expected {expected}", path.display())]
-    Mismatch {
-        /// The file.
+    /// A file or folder of this program cannot be read, written or used.
+    #[error("{kind} {}: {message}", path.display())]
+    Unusable {
+        /// What it belongs to.
+        kind: FileKind,
+        /// The file or folder.
         path: PathBuf,
-        /// The property that differs.
-        what: &'static str,
-        /// Its value in the checkpoint.
-        got: String,
-        /// Its value in the configuration.
-        expected: String,
-    },
-    /// A checkpoint file holds something that cannot be understood.
-    #[error("checkpoint {}: {message}", path.display())]
-    Checkpoint {
-        /// The file.
-        path: PathBuf,
-        /// What the reader or the writer said.
-        message: String,
-    },
-    /// A folder of pairs cannot be read or written.
-    #[error("dataset {}: {message}", path.display())]
-    Dataset {
-        /// The file.
-        path: PathBuf,
-        /// What was found and what to do.
-        message: String,
-    },
-    /// An export folder cannot be read or written.
-    #[error("export {}: {message}", path.display())]
-    Export {
-        /// The folder or file.
-        path: PathBuf,
-        /// What was found and what to do.
+        /// What was found, what was expected and what to do.
         message: String,
     },
     /// A file could not be read or written.
@@ -84,6 +59,25 @@ pub enum LearnError {
         /// The operating system's reason.
         source: std::io::Error,
     },
+}
+
+/// What a file or folder belongs to, as messages name it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum FileKind {
+    /// A checkpoint, and what else a training keeps: its diagnoser, its copy of the robot.
+    Checkpoint,
+    /// A folder of pairs.
+    Dataset,
+    /// An export folder.
+    Export,
+}
+
+impl FileKind {
+    /// An error about a file or folder of this kind.
+    pub fn unusable(self, path: impl Into<PathBuf>, message: impl Display) -> LearnError {
+        LearnError::Unusable { kind: self, path: path.into(), message: message.to_string() }
+    }
 }
 
 /// Fails if a training has diverged, which shows in a `value` that is not finite; says what to do.

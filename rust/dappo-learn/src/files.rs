@@ -28,10 +28,8 @@ use rustix::fs::OFlags;
 use crate::error::{LearnError, Result};
 
 use folders::temporary_name;
-pub use folders::{
-    TemporaryFolder, check_folder, folder_of, own_folder, remove_folder, rename, replace_folder, stem_of,
-    sweep, sync_folder,
-};
+pub(crate) use folders::{TemporaryFolder, folder_of, replace_folder, sync_folder};
+pub use folders::{check_folder, own_folder, remove_folder, rename, stem_of, sweep};
 
 /// The longest text or description that is read, bytes: far above those that are written.
 pub const TEXT_BYTES: u64 = 64 << 20;

@@ -105,6 +105,9 @@ impl Fleet {
     }
 
     /// One step of all robots but those to skip. A robot that falls goes on: there is no reset here.
+    ///
+    /// # Shapes
+    /// - `actions`: `[N, A]`, `skip`: `[N]`
     pub fn step(&mut self, actions: &[f32], skip: &[bool]) -> Result<()> {
         let stride = self.backend.task().obs_dim();
         self.diverged.fill(false);

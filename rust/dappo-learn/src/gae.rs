@@ -69,8 +69,11 @@ fn check_unit(key: &'static str, value: f64, expected: &'static str, more: bool)
 
 /// The share of the variance of the returns that the values predicted, 1 − Var(returns − values) /
 /// Var(returns): 1 is perfect, 0 is no better than a constant. 0 if the returns do not vary.
+///
+/// # Shapes
+/// values, returns `[B]`
 #[must_use]
-pub fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
+pub(crate) fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let variance = |xs: &mut dyn Iterator<Item = f64>| {
         let xs: Vec<f64> = xs.collect();
         let mean = xs.iter().sum::<f64>() / xs.len() as f64;

@@ -30,13 +30,15 @@ pub mod records;
 pub mod robot_files;
 pub mod rollout;
 pub mod run_folder;
+mod run_policy;
 mod simulator;
 pub mod statistics;
 pub mod train;
 pub mod walk;
 
-pub use error::{LearnError, Result};
+pub use error::{FileKind, LearnError, Result};
 pub use gae::{Targets, gae};
 pub use ppo::{Ppo, PpoConfig, PpoLosses};
 pub use rollout::Rollout;
+pub use run_policy::RunPolicy;
 pub use simulator::Simulator;

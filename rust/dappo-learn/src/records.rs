@@ -6,7 +6,7 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use dappo_nn::records;
 
-use crate::error::{LearnError, Result};
+use crate::error::{FileKind, LearnError, Result};
 use crate::files::{Files, write_new};
 
 /// Writes the file of a module, which must not be there yet.
@@ -51,7 +51,7 @@ pub fn load_optimizer<M: Module, F: Files + ?Sized>(
 
 /// Turns what a reader or writer reports of a file into an error that names it.
 pub fn unreadable(path: &Path, error: impl std::fmt::Display) -> LearnError {
-    LearnError::Checkpoint { path: path.into(), message: error.to_string() }
+    FileKind::Checkpoint.unusable(path, error)
 }
 
 #[cfg(test)]

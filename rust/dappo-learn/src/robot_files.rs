@@ -8,10 +8,9 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::error::{LearnError, Result};
+use crate::error::{FileKind, Result};
 use crate::files::sealed::{Checksum, Manifest, Seal, check_replaceable};
 use crate::files::{TemporaryFolder, io, rename, replace_folder, sync_folder, write_new};
-use crate::records::unreadable;
 
 /// Name of the folder.
 const FOLDER: &str = "robot";
@@ -32,6 +31,7 @@ impl Manifest for RobotManifest {
     const NAME: &'static str = "robot.json";
     const FORMAT: &'static str = "dappo-batch robot 1";
     const KIND: &'static str = "a copy of a robot";
+    const FILES: FileKind = FileKind::Checkpoint;
     const ADVICE: &'static str = "remove it";
 
     fn seals(&self) -> Vec<(String, Seal)> {
@@ -40,10 +40,6 @@ impl Manifest for RobotManifest {
             checksum: Checksum::Sha256(sha256.clone()),
         };
         self.files.iter().map(|(name, file)| (name.clone(), seal(file))).collect()
-    }
-
-    fn error(path: &Path, message: String) -> LearnError {
-        unreadable(path, message)
     }
 }
 

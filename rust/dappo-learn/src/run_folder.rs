@@ -124,12 +124,12 @@ impl RunFolder {
 
     /// Path of a table in `eval/`.
     #[must_use]
-    pub fn evaluation_path(&self, name: &str) -> PathBuf {
+    pub(crate) fn evaluation_path(&self, name: &str) -> PathBuf {
         self.root.join("eval").join(name)
     }
 
     /// Reads a table from `eval/`; `None` if there is none.
-    pub fn read_evaluation(&self, name: &str) -> Result<Option<String>> {
+    pub(crate) fn read_evaluation(&self, name: &str) -> Result<Option<String>> {
         check_folder(&self.root.join("eval"))?;
         let path = self.evaluation_path(name);
         match read_text(&path) {
@@ -144,7 +144,7 @@ impl RunFolder {
 
     /// Whether an iteration has been reported.
     #[must_use]
-    pub fn has_metrics(&self) -> bool {
+    pub(crate) fn has_metrics(&self) -> bool {
         self.metrics().exists()
     }
 
@@ -219,12 +219,12 @@ impl LockedRun {
     }
 
     /// Appends one line to `metrics.jsonl`.
-    pub fn append_metrics(&self, metrics: &Metrics) -> Result<()> {
+    pub(crate) fn append_metrics(&self, metrics: &Metrics) -> Result<()> {
         self.metrics().append(metrics)
     }
 
     /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run goes on from there.
-    pub fn rewind_metrics(&self, iteration: u64) -> Result<()> {
+    pub(crate) fn rewind_metrics(&self, iteration: u64) -> Result<()> {
         self.metrics().rewind("iteration", iteration)
     }
 }

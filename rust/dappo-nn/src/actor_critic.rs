@@ -30,7 +30,7 @@ pub struct ActorCritic {
 }
 
 impl ActorCritic {
-    /// Draws new networks with the given hidden layers; `normal` yields standard normals.
+    /// Draws new networks with hidden layers of the given widths; `normal` yields standard normals.
     pub fn new(
         obs_dim: usize,
         hidden: &[usize],

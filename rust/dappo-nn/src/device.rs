@@ -27,15 +27,6 @@ pub enum LearnerDevice {
 }
 
 impl LearnerDevice {
-    /// The names of all devices.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
-    /// Reads a name.
-    pub fn parse(text: &str) -> Result<Self> {
-        let expected = "cpu or wgpu";
-        text.parse().map_err(|_| NnError::Config { key: "ppo.device", got: text.into(), expected })
-    }
-
     /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -142,13 +142,13 @@ impl Normalizer {
         self.count
     }
 
-    /// Mean of every entry before the code.
+    /// Mean of every entry before the code, `[obs_dim − code_length]`.
     #[must_use]
     pub fn mean(&self) -> &[f64] {
         &self.mean
     }
 
-    /// Population variance of every entry before the code; 1 while nothing was seen.
+    /// Population variance of every entry before the code, `[obs_dim − code_length]`; 1 while nothing was seen.
     #[must_use]
     pub fn variance(&self) -> Vec<f64> {
         if self.count == 0 {

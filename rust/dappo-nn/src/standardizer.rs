@@ -33,7 +33,11 @@ impl Standardizer {
         }
     }
 
-    /// A standardiser of known means and scales.
+    /// A standardiser of known means and scales; a scale is 1 / standard deviation, or 0 for a component that never
+    /// varies.
+    ///
+    /// # Shapes
+    /// mean, scale `[F]`
     pub fn of(mean: Vec<f32>, scale: Vec<f32>) -> Result<Self> {
         let standardizer = Self { mean, scale };
         standardizer.check(standardizer.mean.len())?;

@@ -12,7 +12,7 @@ use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::damage::PyDamageSpace;
-use crate::errors::from_sim;
+use crate::errors::OrRaise;
 use crate::model_reader::PyModel;
 use crate::warp::{Room, WarpBackend};
 
@@ -46,7 +46,7 @@ impl<'py> ClassTable<'py> {
     /// Reads a `dappo_batch.model.ClassTable`.
     pub fn read(object: &Bound<'py, PyAny>) -> PyResult<Self> {
         let toml: String = object.getattr("robot")?.getattr("toml_text")?.extract()?;
-        let robot = Robot::from_toml(&toml).map_err(|error| from_sim(&error))?;
+        let robot = Robot::from_toml(&toml).or_raise()?;
         let space = object.getattr("space")?.cast::<PyDamageSpace>()?.get().inner.clone();
         let model = object.getattr("models")?.get_item(0)?;
         let size = |name: &str| -> PyResult<usize> { model.getattr(name)?.extract() };
@@ -71,8 +71,7 @@ impl<'py> ClassTable<'py> {
         // Python's errors are not the lane engine's, so everything is read before it compiles.
         let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };
         let muted_touch = self.muted_touch()?;
-        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch))
-            .map_err(|error| from_sim(&error))
+        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch)).or_raise()
     }
 
     /// A backend over this table; `lanes` is what [`lane_table`](Self::lane_table) made of it.
@@ -81,11 +80,11 @@ impl<'py> ClassTable<'py> {
         lanes: &Result<LaneTable, String>,
         options: BackendOptions<'_>,
     ) -> PyResult<Box<dyn Backend>> {
-        let task = Task::new(&self.robot, &self.layout, options.reward).map_err(|error| from_sim(&error))?;
+        let task = Task::new(&self.robot, &self.layout, options.reward).or_raise()?;
         let obs_dim = task.obs_dim() + self.space.code_length();
         of_envs(options.num_envs, &self.layout, obs_dim)
             .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))
-            .map_err(|error| from_sim(&error))?;
+            .or_raise()?;
         let num_envs = options.num_envs;
         match options.physics {
             Physics::Lanes(precision) => {
@@ -98,7 +97,7 @@ impl<'py> ClassTable<'py> {
                         LanesBackend::new(task, table.clone(), precision, simd::chosen()?, num_envs)
                     })
                     .map(|backend| Box::new(backend) as Box<dyn Backend>)
-                    .map_err(|error| from_sim(&error))
+                    .or_raise()
             }
             Physics::Mujoco => {
                 let threads = options.threads.min(options.physics.most_threads(num_envs));
@@ -117,17 +116,17 @@ impl<'py> ClassTable<'py> {
         let BackendOptions { reward, num_envs, room, .. } = options;
         let (table, classes) = (self.object.clone().unbind(), self.space.classes().len());
         let backend = WarpBackend::new(&table, task, reward, num_envs, classes, device, room);
-        Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
+        Ok(Box::new(backend.or_raise()?))
     }
 
     fn mujoco_backend(&self, task: Task, num_envs: usize, threads: usize) -> PyResult<Box<dyn Backend>> {
         let py = self.object.py();
         let path: PathBuf =
             py.import("dappo_batch.model.mujoco_library")?.call_method0("library_path")?.extract()?;
-        let library = MujocoLibrary::load(&path).map_err(|error| from_sim(&error))?;
+        let library = MujocoLibrary::load(&path).or_raise()?;
         let backend =
             MujocoBackend::new(task, &library, self.model_table()?, self.workers(threads)?, num_envs);
-        Ok(Box::new(backend.map_err(|error| from_sim(&error))?))
+        Ok(Box::new(backend.or_raise()?))
     }
 
     /// The arrays of the models of all classes.
@@ -160,7 +159,7 @@ impl<'py> ClassTable<'py> {
         let table = unsafe {
             ModelTable::new(&addresses, self.muted_touch()?, spec, Box::new(self.object.clone().unbind()))
         };
-        table.map_err(|error| from_sim(&error))
+        table.or_raise()
     }
 
     fn workers(&self, count: usize) -> PyResult<Vec<WorkerFields>> {

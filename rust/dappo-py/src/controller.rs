@@ -2,115 +2,34 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_diagnose::controller::{Controller, ControllerConfig, Skills};
-use dappo_diagnose::export::{DiagnoserSource, Export, RunSource, Sources};
-use dappo_diagnose::{Diagnoser, TrainingFolder};
-use dappo_learn::LearnError;
-use dappo_learn::config::{Assignment, Config, Layers};
+use dappo_diagnose::controller::{Controller, ControllerConfig, Parts};
+use dappo_diagnose::export::Export;
+use dappo_learn::config::Assignment;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::MeanVelocities;
-use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::Onboard;
-use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::cli::policy::{self, LoadedPolicy};
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::keywords::assignments;
 use crate::pool::Pool;
 use crate::run_robot::{self, OpenRun, RobotChanged};
 use crate::vector_env::not_contiguous;
 
-/// The parts of a controller that its policy does not bring along.
-pub struct Parts {
-    /// Run of the expert; the policy itself, as if nothing were damaged, for `None`.
-    expert: Option<OpenRun>,
-    /// Folder of the diagnoser's training.
-    diagnoser: PathBuf,
-}
-
-impl Parts {
-    /// Opens the parts; fails unless they were made with the robot of the policy's run.
-    pub fn open(py: Python<'_>, run: &OpenRun, expert: Option<&Path>, diagnoser: &Path) -> PyResult<Self> {
-        // The expert takes every robot for healthy.
-        let expert = expert.map(|expert| run.open_beside(py, expert, false)).transpose()?;
-        run.check_folder(py, diagnoser)?;
-        Ok(Self { expert, diagnoser: diagnoser.to_owned() })
-    }
-
-    /// Reads all parts, and where they come from; `factory` and `config` are those of the policy's run.
-    pub fn load(
-        &self,
-        folder: &RunFolder,
-        config: &Config,
-        factory: &TableFactory,
-    ) -> dappo_learn::Result<(Skills, Sources)> {
-        let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
-        let velocities = MeanVelocities::read(folder)?.ok_or_else(|| {
-            let root = folder.root().display();
-            LearnError::Invalid(format!(
-                "{root} has no table of mean velocities; `dappo-batch evaluate {root}` writes it"
-            ))
-        })?;
-        let baselines = velocities.of(&names)?;
-        let (policy, policy_source) = load_policy(folder, config, factory)?;
-        let (expert, expert_source) = match &self.expert {
-            None => (policy.clone(), None),
-            Some(run) => {
-                let (policy, source) = load_policy(&run.folder, &run.config, factory)?;
-                (policy, Some(source))
-            }
-        };
-        let (training, _) = TrainingFolder::open(&self.diagnoser)?;
-        let diagnoser = Diagnoser::load(&training.model())?;
-        let sources = Sources {
-            policy: policy_source,
-            expert: expert_source,
-            diagnoser: Some(DiagnoserSource {
-                folder: last_name(&self.diagnoser),
-                fingerprint: Diagnoser::fingerprint(&training.model())?,
-            }),
-        };
-        Ok((Skills { policy, expert, diagnoser, baselines }, sources))
-    }
-
-    /// A controller of `robots` robots made of these parts.
-    pub fn assemble(
-        &self,
-        folder: &RunFolder,
-        config: &Config,
-        factory: &TableFactory,
-        wanted: ControllerConfig,
-        robots: usize,
-    ) -> dappo_learn::Result<Controller> {
-        let (skills, _) = self.load(folder, config, factory)?;
-        let twins = factory.backend(robots, None, factory.evaluation_physics())?;
-        Controller::new(skills, wanted, twins)
-    }
-}
-
-/// The policy of a run by itself, and where it comes from.
-pub fn load_policy(
-    folder: &RunFolder,
-    config: &Config,
-    factory: &TableFactory,
-) -> dappo_learn::Result<(Policy, RunSource)> {
-    let LoadedPolicy { policy, env_steps, fingerprint } = policy::load_trained(folder, config, factory)?;
-    let (run, version) = (last_name(folder.root()), folder.version()?);
-    Ok((policy, RunSource { run, version, env_steps, fingerprint }))
-}
-
-/// The name of a folder without those above it, which say nothing on another machine.
-fn last_name(folder: &Path) -> String {
-    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
+/// Opens the parts of a controller; fails unless they were made with the robot of the policy's run.
+pub fn open_parts(py: Python<'_>, run: &OpenRun, expert: Option<&Path>, diagnoser: &Path) -> PyResult<Parts> {
+    // The expert has no damage code, so that its damage classes may be others.
+    let expert = expert.map(|expert| run.open_beside(py, expert, false)).transpose()?;
+    run.check_folder(py, diagnoser)?;
+    let expert = expert.map(|OpenRun { folder, config, .. }| (folder, config));
+    Ok(Parts { expert, diagnoser: diagnoser.to_owned() })
 }
 
 /// The robot of an export with its damage classes.
 pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<TableFactory> {
-    let mut config = export.config().map_err(|error| from_learn(&error))?;
+    let mut config = export.config().or_raise()?;
     config.env.threads = Some(threads);
     run_robot::check_export(py, export)?;
     let factory = TableFactory::compile(py, &config)?;
@@ -119,7 +38,7 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
         let message = "the damage classes of its robot are not those of its policy; export again";
         return Err(raise(Kind::Checkpoint, message));
     }
-    let sizes = factory.sizes(&config).map_err(|error| from_sim(&error))?;
+    let sizes = factory.sizes(&config).or_raise()?;
     let (header, obs_dim) = (export.header(), sizes.obs_dim - sizes.code_length);
     let code_lengths = [0, factory.space().code_length()];
     if (header.obs_dim, header.action_dim) != (obs_dim, sizes.action_dim)
@@ -133,12 +52,8 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
 
 /// The settings of a controller.
 pub fn settings(trigger: &str, assignments: &[Assignment]) -> dappo_learn::Result<ControllerConfig> {
-    let mut layers = Layers::default();
-    layers.set("trigger", trigger)?;
-    layers.assign(assignments)?;
-    let config: ControllerConfig = layers.typed()?;
-    config.check()?;
-    Ok(config)
+    let trigger = Assignment::Value("trigger".into(), trigger.into());
+    ControllerConfig::with(&[&[trigger], assignments].concat())
 }
 
 /// Robots that find out by themselves what broke, and walk on.
@@ -172,15 +87,15 @@ impl PyController {
         trigger: &str,
         settings: Option<Bound<'_, PyAny>>,
         threads: usize,
-        robot_changed: Option<&str>,
+        robot_changed: Option<RobotChanged>,
     ) -> PyResult<Self> {
         let settings = settings.map_or_else(|| Ok(Vec::new()), |given| assignments(&given, "settings"))?;
-        let wanted = self::settings(trigger, &settings).map_err(|error| from_learn(&error))?;
-        let mut run = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
+        let wanted = self::settings(trigger, &settings).or_raise()?;
+        let mut run = OpenRun::open(py, &run, robot_changed)?;
         run.config.env.threads = Some(threads);
         let pool = Pool::new(run.config.env.threads)?;
         let factory = TableFactory::compile(py, &run.config)?;
-        let parts = Parts::open(py, &run, expert.as_deref(), &diagnoser)?;
+        let parts = open_parts(py, &run, expert.as_deref(), &diagnoser)?;
         let controller =
             pool.run(py, || parts.assemble(&run.folder, &run.config, &factory, wanted, num_robots))?;
         Ok(Self::wrap(controller, pool))
@@ -191,7 +106,7 @@ impl PyController {
     #[pyo3(signature = (folder, *, num_robots=1, threads=1))]
     fn from_export(py: Python<'_>, folder: PathBuf, num_robots: usize, threads: usize) -> PyResult<Self> {
         let pool = Pool::new(Some(threads))?;
-        let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
+        let export = Export::open(&folder).or_raise()?;
         let (skills, settings) = pool.run(py, || export.controller())?;
         let factory = open_export(py, &export, threads)?;
         let controller = pool.run(py, || {

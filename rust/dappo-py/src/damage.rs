@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PySequence, PyString};
 
 use crate::arguments::argument;
-use crate::errors::from_sim;
+use crate::errors::OrRaise;
 
 /// One damage class: which limbs are damaged, and how.
 #[pyclass(name = "DamageClass", module = "dappo_batch", frozen)]
@@ -85,7 +85,7 @@ impl PyDamageSpace {
         let types = names(types)?;
         DamageSpace::new(limbs, types, argument(max_damaged_limbs, "max_damaged_limbs", number)?)
             .map(|inner| Self { inner })
-            .map_err(|error| from_sim(&error))
+            .or_raise()
     }
 
     /// Number of limbs.
@@ -131,7 +131,7 @@ impl PyDamageSpace {
             Ok(id) => id.to_string(),
             Err(_) => argument(spec, "a damage", expected)?,
         };
-        self.inner.parse(&text).map_err(|error| from_sim(&error))
+        self.inner.parse(&text).or_raise()
     }
 
     fn __len__(&self) -> usize {

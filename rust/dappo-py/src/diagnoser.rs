@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use dappo_diagnose::trajectory::Trajectories;
 use dappo_diagnose::{Diagnoser, TrainingFolder, Window};
+use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::cli::policy;
-use crate::errors::{Kind, from_learn, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotChanged};
@@ -36,18 +36,18 @@ impl PyDiagnoser {
         folder: PathBuf,
         expert: PathBuf,
         threads: Option<usize>,
-        robot_changed: Option<&str>,
+        robot_changed: Option<RobotChanged>,
     ) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
-        let (training, _) = TrainingFolder::open(&folder).map_err(|error| from_learn(&error))?;
+        let (training, _) = TrainingFolder::open(&folder).or_raise()?;
         let diagnoser = pool.run(py, || Diagnoser::load(&training.model()))?;
-        let run = OpenRun::open(py, &expert, RobotChanged::parse(robot_changed)?)?;
+        let run = OpenRun::open(py, &expert, robot_changed)?;
         run.check_folder(py, &folder)?;
         let OpenRun { folder: run, mut config, .. } = run;
         // Threads are a matter of this machine, not of the one that trained.
         config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;
-        let expert = pool.run(py, || policy::load_trained(&run, &config, &factory))?.policy;
+        let expert = pool.run(py, || RunPolicy::trained(&run, &config, &factory))?.policy;
         let description = diagnoser.description();
         let (knows, classes) = (description.subject.classes(), factory.space().classes().len());
         if (description.obs_dim, knows) != (expert.obs_dim(), classes) {

@@ -132,7 +132,7 @@ impl<T> OrRaise<T> for Result<T, SimError> {
 }
 
 /// A simulation error as a Python exception.
-pub fn from_sim(error: &SimError) -> PyErr {
+fn from_sim(error: &SimError) -> PyErr {
     let kind = match error {
         SimError::Config(_)
         | SimError::Unsupported(_)
@@ -147,17 +147,13 @@ pub fn from_sim(error: &SimError) -> PyErr {
 }
 
 /// A learner's error as a Python exception.
-pub fn from_learn(error: &LearnError) -> PyErr {
+fn from_learn(error: &LearnError) -> PyErr {
     let kind = match error {
         LearnError::Sim(error) => return from_sim(error),
         LearnError::Nn(error) => nn_kind(error),
         LearnError::Config { .. } | LearnError::Settings(_) | LearnError::Invalid(_) => Kind::Config,
         LearnError::Diverged { .. } => Kind::Simulation,
-        LearnError::Mismatch { .. }
-        | LearnError::Checkpoint { .. }
-        | LearnError::Dataset { .. }
-        | LearnError::Export { .. }
-        | LearnError::Io { .. } => Kind::Checkpoint,
+        LearnError::Unusable { .. } | LearnError::Io { .. } => Kind::Checkpoint,
     };
     raise(kind, error.to_string())
 }

@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::class_table::{BackendOptions, ClassTable};
-use crate::errors::{Kind, from_sim, raise, to_sim};
+use crate::errors::{Kind, OrRaise, raise, to_sim};
 use crate::warp::{Room, WarpEngine};
 
 /// The class table of a configuration.
@@ -53,7 +53,7 @@ impl TableFactory {
         let lanes = table.lane_table(config.env.backend)?;
         if lanes.is_ok() {
             // An instruction set that cannot be used is to be known before there is a run folder.
-            simd::chosen().map_err(|error| from_sim(&error))?;
+            simd::chosen().or_raise()?;
         }
         let integrator = py
             .import("dappo_batch.model.mujoco_library")?
@@ -103,6 +103,11 @@ impl TableFactory {
     pub fn table<'py>(&self, py: Python<'py>) -> &Bound<'py, PyAny> {
         self.table.bind(py)
     }
+}
+
+/// Version of the installed MuJoCo.
+pub fn mujoco_version(py: Python<'_>) -> PyResult<String> {
+    py.import("mujoco")?.getattr("__version__")?.extract()
 }
 
 /// A value as Python's own types, by way of JSON.

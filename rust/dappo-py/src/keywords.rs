@@ -12,7 +12,7 @@ use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PySequence, PyString, PyTuple};
 
-use crate::cli::args::{Count, Names, OneOf, Whole};
+use crate::cli::args::{Count, Named, OneOf, Whole};
 use crate::errors::{Kind, raise};
 use crate::run_robot::RobotChanged;
 
@@ -188,9 +188,10 @@ impl<const MIN: i64, const MAX: i64> FromValue for Whole<MIN, MAX> {
     }
 }
 
-impl<N: Names> FromValue for OneOf<N> {
+impl<T: Named> FromValue for OneOf<T> {
     fn from_value(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Self> {
-        Ok(Self::known(chosen(value, name, &N::names())?))
+        let chosen = chosen(value, name, T::VARIANTS)?;
+        chosen.parse().map_err(|error| raise(Kind::Config, format!("{name}: {error}")))
     }
 }
 

@@ -8,7 +8,7 @@ use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::prelude::*;
 
 use crate::class_table::ClassTable;
-use crate::errors::{Kind, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::vector_env::not_contiguous;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -107,14 +107,14 @@ impl PyLaneWorlds {
         precision: &str,
         simd: Option<&str>,
     ) -> PyResult<Self> {
-        let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
+        let precision = Precision::parse(precision).or_raise()?;
         let simd = match simd {
             None => simd::chosen(),
             name => simd::select(name, "simd"),
         };
-        let simd = simd.map_err(|error| from_sim(&error))?;
+        let simd = simd.or_raise()?;
         let table = lane_table(table)?;
-        let engine = table.engine(precision, simd).map_err(|error| from_sim(&error))?;
+        let engine = table.engine(precision, simd).or_raise()?;
         let classes = classes.as_slice().map_err(not_contiguous)?;
         let width = engine.width();
         let mut groups: Vec<_> = (0..classes.len().div_ceil(width)).map(|_| engine.group()).collect();

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use dappo_diagnose::export::Export;
+use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_nn::Policy;
 use dappo_sim::DamageSpace;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::cli::policy::{self, LoadedPolicy};
 use crate::controller;
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotChanged};
@@ -38,13 +38,13 @@ impl PyPolicy {
         py: Python<'_>,
         run: PathBuf,
         threads: Option<usize>,
-        robot_changed: Option<&str>,
+        robot_changed: Option<RobotChanged>,
     ) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
-        let OpenRun { folder, config, .. } = OpenRun::open(py, &run, RobotChanged::parse(robot_changed)?)?;
+        let OpenRun { folder, config, .. } = OpenRun::open(py, &run, robot_changed)?;
         let factory = TableFactory::compile(py, &config)?;
-        let LoadedPolicy { policy, env_steps, .. } =
-            pool.run(py, || policy::load(&folder, &config, &factory))?;
+        let RunPolicy { policy, env_steps, .. } =
+            pool.run(py, || RunPolicy::newest(&folder, &config, &factory))?;
         Ok(Self::new(policy, pool, factory.space(), env_steps))
     }
 
@@ -53,7 +53,7 @@ impl PyPolicy {
     #[pyo3(signature = (folder, *, threads=None))]
     fn from_export(py: Python<'_>, folder: PathBuf, threads: Option<usize>) -> PyResult<Self> {
         let pool = Pool::new(threads)?;
-        let export = Export::open(&folder).map_err(|error| from_learn(&error))?;
+        let export = Export::open(&folder).or_raise()?;
         let factory = controller::open_export(py, &export, 1)?;
         let policy = pool.run(py, || export.policy())?;
         Ok(Self::new(policy, pool, factory.space(), export.header().sources.policy.env_steps))
@@ -85,7 +85,7 @@ impl PyPolicy {
 
     /// The class that a damage spec names.
     fn parse(&self, spec: &str) -> PyResult<i64> {
-        self.space.parse(spec).map(|class| class as i64).map_err(|error| from_sim(&error))
+        self.space.parse(spec).map(|class| class as i64).or_raise()
     }
 
     /// Env steps that it was trained for.

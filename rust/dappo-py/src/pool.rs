@@ -5,7 +5,7 @@ use dappo_learn::config::MOST_THREADS;
 use dappo_sim::ThreadPool;
 use pyo3::prelude::*;
 
-use crate::errors::{Kind, from_learn, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 
 /// The worker threads of a Python object or a command.
 pub struct Pool(ThreadPool);
@@ -17,7 +17,7 @@ impl Pool {
             let message = format!("`threads` is {threads}, expected a whole number from 1 to {MOST_THREADS}");
             return Err(raise(Kind::Config, message));
         }
-        ThreadPool::new(threads).map(Self).map_err(|error| from_sim(&error))
+        ThreadPool::new(threads).map(Self).or_raise()
     }
 
     /// Number of threads.
@@ -31,8 +31,6 @@ impl Pool {
         T: Send,
         E: Send + Into<LearnError>,
     {
-        py.detach(|| self.0.install(work))
-            .map_err(|error| from_sim(&error))?
-            .map_err(|error| from_learn(&error.into()))
+        py.detach(|| self.0.install(work)).or_raise()?.map_err(E::into).or_raise()
     }
 }

@@ -9,12 +9,14 @@ use dappo_diagnose::export::Export;
 use dappo_learn::config::Config;
 use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::RunFolder;
+use pyo3::Borrowed;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::cli::console::note;
-use crate::errors::{Kind, from_learn, raise};
+use crate::errors::OrRaise;
 use crate::factory::to_python;
+use crate::keywords::FromValue;
 
 /// What to do where a robot file has changed since the training; without it, a command stops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -26,22 +28,19 @@ pub enum RobotChanged {
 }
 
 impl RobotChanged {
-    /// The choice with this name, as Python programs give it.
-    pub fn parse(name: Option<&str>) -> PyResult<Option<Self>> {
-        let parse = |name| {
-            Self::from_str(name, false).map_err(|_| {
-                let message = format!("robot_changed is `{name}`, expected `use-run` or `use-file`");
-                raise(Kind::Config, message)
-            })
-        };
-        name.map(parse).transpose()
-    }
-
     fn name(self) -> &'static str {
         match self {
             Self::UseRun => "use-run",
             Self::UseFile => "use-file",
         }
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for RobotChanged {
+    type Error = PyErr;
+
+    fn extract(name: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Self::from_value(&name, "robot_changed")
     }
 }
 
@@ -90,7 +89,7 @@ impl RobotCopy {
 /// Fails if the robot of an export, which may come from somebody else, needs other files than those of the export.
 pub fn check_export(py: Python<'_>, export: &Export) -> PyResult<()> {
     let files = PyDict::new(py);
-    for (name, content) in export.robot_files().map_err(|error| from_learn(&error))? {
+    for (name, content) in export.robot_files().or_raise()? {
         files.set_item(name, PyBytes::new(py, &content))?;
     }
     py.import("dappo_batch.robots.copies")?.call_method1("check_confined", (export.folder(), files)).map(drop)
@@ -121,7 +120,7 @@ pub struct OpenRun {
 impl OpenRun {
     /// Opens a run; fails if its robot file has changed since the training and `changed` does not say what to do.
     pub fn open(py: Python<'_>, root: &Path, changed: Option<RobotChanged>) -> PyResult<Self> {
-        let (folder, mut config) = RunFolder::open(root).map_err(|error| from_learn(&error))?;
+        let (folder, mut config) = RunFolder::open(root).or_raise()?;
         let damage = to_python(py, &config.damage)?;
         let choice = changed.map(RobotChanged::name);
         let found = module(py)?.call_method1("robot_of_run", (root, &config.robot, damage, choice))?;

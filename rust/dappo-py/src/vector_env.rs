@@ -13,7 +13,7 @@ use numpy::{
 use pyo3::prelude::*;
 
 use crate::class_table::{BackendOptions, ClassTable};
-use crate::errors::{Kind, from_sim, raise};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::pool::Pool;
 use crate::warp::{self, Room};
 
@@ -138,15 +138,16 @@ impl PyVectorEnv {
         njmax: Option<usize>,
         nconmax: Option<usize>,
     ) -> PyResult<Self> {
-        let wish = Device::parse(device).map_err(|error| from_sim(&error))?;
-        let device = warp::resolve(wish).map_err(|error| from_sim(&error))?;
-        let kind = BackendKind::parse(backend).map_err(|error| from_sim(&error))?;
-        let precision = Precision::parse(precision).map_err(|error| from_sim(&error))?;
+        let wish = Device::parse(device).or_raise()?;
+        let device = warp::resolve(wish).or_raise()?;
+        let kind = BackendKind::parse(backend).or_raise()?;
+        let precision = Precision::parse(precision).or_raise()?;
         let table = ClassTable::read(table)?;
         let classes = match class_weights {
             None => ClassDistribution::uniform(table.space.classes().len()),
-            Some(weights) => ClassDistribution::from_weights(weights.as_slice().map_err(not_contiguous)?)
-                .map_err(|error| from_sim(&error))?,
+            Some(weights) => {
+                ClassDistribution::from_weights(weights.as_slice().map_err(not_contiguous)?).or_raise()?
+            }
         };
         let config = VectorEnvConfig {
             keys: seeds.as_slice().map_err(not_contiguous)?.to_vec(),
@@ -163,7 +164,7 @@ impl PyVectorEnv {
         let threads = pool.num_threads();
         let options = BackendOptions { reward, num_envs, threads, physics, room: Room { njmax, nconmax } };
         let backend = table.backend(&lanes, options)?;
-        let env = VectorEnv::new(backend, &table.space, config).map_err(|error| from_sim(&error))?;
+        let env = VectorEnv::new(backend, &table.space, config).or_raise()?;
         Ok(Self {
             running: Some(Running { env, pool }),
             kept: None,
@@ -205,7 +206,7 @@ impl PyVectorEnv {
     /// Name of the backend.
     #[getter]
     fn backend(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().name())
+        Ok(self.env()?.backend().physics().backend())
     }
 
     /// Where the physics is computed.
@@ -223,7 +224,7 @@ impl PyVectorEnv {
     /// Floating-point format of the physics.
     #[getter]
     fn precision(&self) -> PyResult<&str> {
-        Ok(self.env()?.backend().precision())
+        Ok(self.env()?.backend().physics().precision())
     }
 
     /// How often the physics of an env has diverged since the env was made.

@@ -12,7 +12,7 @@ pub struct ClassDistribution {
 }
 
 impl ClassDistribution {
-    /// A distribution from non-negative weights, one a class.
+    /// A distribution over C classes from weights of at least 0, `[C]`.
     pub fn from_weights(weights: &[f64]) -> Result<Self, SimError> {
         let total: f64 = weights.iter().sum();
         if weights.iter().any(|w| !w.is_finite() || *w < 0.0) || !total.is_finite() || total <= 0.0 {
@@ -49,7 +49,7 @@ impl ClassDistribution {
         self.cumulative.is_empty()
     }
 
-    /// Sums of the probabilities of the classes, one a class.
+    /// Sums of the probabilities up to each class, `[C]`; the last is 1 up to rounding.
     #[must_use]
     pub fn cumulative(&self) -> &[f64] {
         &self.cumulative

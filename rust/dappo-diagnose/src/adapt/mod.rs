@@ -4,6 +4,8 @@
 mod class;
 mod outcome;
 mod summary;
+#[cfg(test)]
+mod tests;
 mod trace;
 
 use dappo_learn::config::Config;
@@ -15,7 +17,6 @@ use dappo_nn::Policy;
 use crate::controller::Controller;
 
 pub use class::{ClassOutcome, GivenClass};
-pub use outcome::{EpisodeOutcome, RECOVERED};
 pub use summary::{AdaptationSummary, DecisionTime};
 pub use trace::trace;
 

@@ -4,17 +4,17 @@ mod pairs;
 
 use std::path::Path;
 
+use dappo_learn::RunPolicy;
 use dappo_learn::config::Faults;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
 use dappo_learn::fleet::Fleet;
-use dappo_nn::Policy;
 use dappo_sim::Backend;
 use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
 
 use super::dataset::{DatasetHeader, Part, PolicyId, Shard, check_piece};
-use super::{Preset, Subject};
+use super::{Protocol, Subject};
 use pairs::Pairs;
 
 /// Robots simulated at once, about.
@@ -30,19 +30,11 @@ pub struct CollectConfig {
     /// Seed of the rollouts.
     pub seed: u64,
     /// When the damage strikes, and how the twin is led.
-    pub preset: Preset,
+    pub protocol: Protocol,
     /// The piece to collect.
     pub shard: Shard,
     /// Severity of the damage, as the class table has it.
     pub severity: f64,
-}
-
-/// A policy and the run that it comes from.
-pub struct RunPolicy {
-    /// The policy.
-    pub policy: Policy,
-    /// Which one it is.
-    pub id: PolicyId,
 }
 
 /// Whoever watches a collection.
@@ -86,20 +78,20 @@ fn header(
         timesteps: config.timesteps,
         obs_dim: task.obs_dim(),
         action_dim: task.layout().nu,
-        timing: config.preset.timing,
-        twin: config.preset.twin,
-        expert: expert.id.clone(),
-        walker: walker.unwrap_or(expert).id.clone(),
-        backend: backend.name().into(),
-        precision: backend.precision().into(),
+        timing: config.protocol.timing,
+        twin: config.protocol.twin,
+        expert: PolicyId::of(expert),
+        walker: PolicyId::of(walker.unwrap_or(expert)),
+        backend: backend.physics().backend().into(),
+        precision: backend.physics().precision().into(),
     }
 }
 
 /// Fails if a collection puts twins beside robots in mid-gait, and these robots can have none. [`collect`] asks the same;
 /// who writes something before it asks first.
 pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
-    let is_synchronised = !config.preset.timing.starts_at_reset() || config.preset.twin.resync > 0;
-    if config.preset.needs_twins() && is_synchronised {
+    let is_synchronised = !config.protocol.timing.starts_at_reset() || config.protocol.twin.resync > 0;
+    if config.protocol.needs_twins() && is_synchronised {
         Fleet::new(factory.backend(1, None, factory.evaluation_physics())?).check_twins()?;
     }
     Ok(())
@@ -159,7 +151,7 @@ pub fn collect(
 
 impl CollectConfig {
     fn check(&self) -> Result<()> {
-        self.preset.timing.check()?;
+        self.protocol.timing.check()?;
         let mut faults = Faults::default();
         for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
             faults.count(key, value as u64, i32::MAX as u64);

@@ -1,20 +1,21 @@
 //! Simulating the pairs of several rollouts at once.
 
+use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::fleet::Fleet;
 use dappo_nn::Policy;
 use dappo_sim::backend::{Backend, Reset};
 
-use super::{CollectConfig, RunPolicy};
+use super::CollectConfig;
 use crate::dataset::Record;
-use crate::{Preset, TwinAction};
+use crate::{Protocol, TwinAction};
 
 /// The robots of `block` rollouts, one for each damage class, and their twins.
 pub(super) struct Pairs<'a> {
     expert: &'a Policy,
     walker: &'a Policy,
-    preset: Preset,
+    protocol: Protocol,
     timesteps: usize,
     classes: usize,
     robots: Fleet,
@@ -39,7 +40,7 @@ impl<'a> Pairs<'a> {
             if got != expected {
                 return Err(LearnError::Invalid(format!(
                     "the policy in {} observes {got} numbers, expected {expected} of robot `{}`",
-                    one.id.run,
+                    one.run,
                     factory.robot().name
                 )));
             }
@@ -47,11 +48,11 @@ impl<'a> Pairs<'a> {
         Ok(Self {
             expert: &expert.policy,
             walker: &walker.unwrap_or(expert).policy,
-            preset: config.preset,
+            protocol: config.protocol,
             timesteps: config.timesteps,
             classes,
             robots,
-            twins: if config.preset.needs_twins() { Some(fleet()?) } else { None },
+            twins: if config.protocol.needs_twins() { Some(fleet()?) } else { None },
         })
     }
 
@@ -74,7 +75,7 @@ impl<'a> Pairs<'a> {
     }
 
     fn simulate_block(&mut self, keys: &[u64]) -> Result<Vec<Record>> {
-        let timings: Vec<(u32, u32)> = keys.iter().map(|&key| self.preset.timing.draw(key)).collect();
+        let timings: Vec<(u32, u32)> = keys.iter().map(|&key| self.protocol.timing.draw(key)).collect();
         self.walk(keys, &timings)?;
         let mut records: Vec<Record> = timings
             .into_iter()
@@ -121,7 +122,7 @@ impl<'a> Pairs<'a> {
 
     /// Puts every twin beside its robot: into the same start at a reset, into what the robot observes later.
     fn begin_twins(&mut self, keys: &[u64]) -> Result<()> {
-        if !self.preset.timing.starts_at_reset() {
+        if !self.protocol.timing.starts_at_reset() {
             return self.synchronise_twins();
         }
         let Some(twins) = &mut self.twins else { return Ok(()) };
@@ -148,11 +149,11 @@ impl<'a> Pairs<'a> {
         let skip = vec![false; self.robots.fallen.len()];
         for step in 0..steps {
             let actions = self.expert.healthy_actions(&self.robots.obs)?;
-            if self.preset.twin.resyncs_before(step) {
+            if self.protocol.twin.resyncs_before(step) {
                 self.synchronise_twins()?;
             }
             if let Some(twins) = &mut self.twins {
-                match self.preset.twin.action {
+                match self.protocol.twin.action {
                     TwinAction::Own => twins.step(&self.expert.healthy_actions(&twins.obs)?, &skip)?,
                     TwinAction::Shared => twins.step(&actions, &skip)?,
                 }

@@ -1,9 +1,9 @@
 //! Settings of the run-time loop.
 
-use dappo_learn::config::Faults;
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::config::{Assignment, Faults, Layers};
+use dappo_learn::error::Result;
 use serde::{Deserialize, Serialize};
-use strum::{EnumString, VariantNames};
+use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// Steps of a window at most, which is kept for every robot.
 const MOST_WINDOW: u64 = 1_000_000;
@@ -13,7 +13,7 @@ const MOST_WAIT: u64 = 1 << 31;
 /// What makes a controller suspect damage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[derive(EnumString, VariantNames)]
+#[derive(EnumString, IntoStaticStr, VariantNames)]
 #[strum(serialize_all = "lowercase")]
 pub enum Trigger {
     /// The robot moves differently from a twin with the class that the policy is told. Needs a faithful simulation,
@@ -21,20 +21,6 @@ pub enum Trigger {
     Residual,
     /// The robot walks too slowly for the class that the policy is told.
     Speed,
-}
-
-impl Trigger {
-    /// The names of all triggers; the first is the default.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
-    /// The trigger of this name.
-    pub fn parse(name: &str) -> Result<Self> {
-        name.parse().map_err(|_| LearnError::Config {
-            key: "trigger",
-            got: format!("`{name}`"),
-            expected: "`residual` or `speed`",
-        })
-    }
 }
 
 /// When a controller suspects damage and what it believes. Times are in control steps.
@@ -79,6 +65,15 @@ impl Default for ControllerConfig {
 }
 
 impl ControllerConfig {
+    /// The defaults with these settings laid over them.
+    pub fn with(settings: &[Assignment]) -> Result<Self> {
+        let mut layers = Layers::default();
+        layers.assign(settings)?;
+        let config: Self = layers.typed()?;
+        config.check()?;
+        Ok(config)
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();

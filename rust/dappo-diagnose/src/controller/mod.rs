@@ -10,6 +10,7 @@
 //! damage class that it has not named itself.
 
 mod config;
+mod parts;
 mod probation;
 mod robot;
 mod skills;
@@ -25,6 +26,7 @@ use dappo_sim::backend::{Backend, Reset};
 use crate::{TwinAction, Window};
 
 pub use config::{ControllerConfig, Trigger};
+pub use parts::Parts;
 use probation::{Probation, Rebuttal};
 use robot::Robot;
 pub use skills::Skills;
@@ -105,6 +107,9 @@ impl Controller {
 
     /// Begins anew with the robots marked in `mask`, all for `None`: they are taken for healthy, and nothing is known of
     /// them, so that a reading that is lost before its first finite value counts as 0.
+    ///
+    /// # Shapes
+    /// mask `[N]`
     pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<()> {
         mask.map_or(Ok(()), |mask| check_length("reset mask [N]", mask, self.robots.len()))?;
         let (width, action_dim) = (self.obs_dim(), self.action_dim());

@@ -24,7 +24,7 @@ pub(super) struct Rebuttal {
 }
 
 impl Probation {
-    /// Begins after an examination with these residuals of the healthy twin; `None` if there are none.
+    /// Begins after an examination with these residuals of the healthy twin, one a step; `None` if there are none.
     pub fn new(config: &ControllerConfig, healthy: &[f64]) -> Option<Self> {
         let healthy = upper_median(healthy.iter().copied()).filter(|_| config.probation > 0)?;
         Some(Self { healthy, residuals: Vec::with_capacity(config.probation) })

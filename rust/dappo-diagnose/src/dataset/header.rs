@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::RunPolicy;
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::{read_text, write_first};
 use serde::{Deserialize, Serialize};
 
 use super::npy::Field;
-use crate::{Preset, Subject, Timing, Twin};
+use crate::{Protocol, Subject, Timing, Twin};
 
 const FORMAT: &str = "dappo-batch pairs 1";
 const FILE: &str = "dataset.json";
@@ -24,6 +25,15 @@ pub struct PolicyId {
     pub fingerprint: String,
     /// Env steps that it was trained for.
     pub env_steps: u64,
+}
+
+impl PolicyId {
+    /// That of the policy of a run.
+    #[must_use]
+    pub fn of(policy: &RunPolicy) -> Self {
+        let RunPolicy { run, fingerprint, env_steps, .. } = policy;
+        Self { run: run.clone(), fingerprint: fingerprint.clone(), env_steps: *env_steps }
+    }
 }
 
 /// Everything that determines the records, except for how many there are.
@@ -67,8 +77,8 @@ impl DatasetHeader {
 
     /// When the damage strikes and how the twin is led.
     #[must_use]
-    pub fn preset(&self) -> Preset {
-        Preset { timing: self.timing, twin: self.twin }
+    pub fn protocol(&self) -> Protocol {
+        Protocol { timing: self.timing, twin: self.twin }
     }
 
     /// Whether a folder has a header.
@@ -80,7 +90,7 @@ impl DatasetHeader {
     /// Reads the header of a folder.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
-        let bad = |message: String| LearnError::Dataset { path: path.clone(), message };
+        let bad = |message: String| FileKind::Dataset.unusable(&path, message);
         let text = read_text(&path).map_err(|error| {
             bad(format!("it cannot be read ({error}); `dappo-batch diagnose collect` makes such a folder"))
         })?;
@@ -118,9 +128,9 @@ impl DatasetHeader {
     }
 
     /// Writes the header into a folder that has none; fails if the folder holds records of another kind.
-    pub fn write_or_match(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn write_or_match(&self, folder: &Path) -> Result<()> {
         let path = folder.join(FILE);
-        self.check().map_err(|message| LearnError::Dataset { path: path.clone(), message })?;
+        self.check().map_err(|message| FileKind::Dataset.unusable(&path, message))?;
         if !path.exists() {
             write_first(&path, self.to_json()?.as_bytes())?;
         }
@@ -129,13 +139,13 @@ impl DatasetHeader {
         let (one, other) = (self.entries()?, there.entries()?);
         match one.iter().find(|(key, value)| other.get(*key) != Some(value)) {
             None => Ok(()),
-            Some((key, wanted)) => Err(LearnError::Dataset {
+            Some((key, wanted)) => Err(FileKind::Dataset.unusable(
                 path,
-                message: format!(
+                format!(
                     "the folder holds records with `{key}` = {}, this command asks for {wanted}; choose another folder",
                     other.get(key).unwrap_or(&serde_json::Value::Null),
                 ),
-            }),
+            )),
         }
     }
 
@@ -161,7 +171,7 @@ impl DatasetHeader {
             Field::f32("damaged", &[classes, steps, self.obs_dim]),
             Field::f32("actions", &[classes, steps, self.action_dim]),
         ];
-        if self.preset().needs_twins() {
+        if self.protocol().needs_twins() {
             fields.push(Field::f32("twin", &[classes, steps, self.obs_dim]));
         }
         fields.extend([Field::u32("onset", &[]), Field::u32("delay", &[]), Field::u32("fallen", &[classes])]);
@@ -170,7 +180,7 @@ impl DatasetHeader {
 
     /// Bytes of a record.
     #[must_use]
-    pub fn record_bytes(&self) -> u64 {
+    pub(crate) fn record_bytes(&self) -> u64 {
         self.fields().iter().map(|field| field.bytes() as u64).sum()
     }
 }

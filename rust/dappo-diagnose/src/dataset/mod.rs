@@ -20,6 +20,7 @@ mod pieces;
 mod reader;
 
 pub use header::{DatasetHeader, PolicyId};
-pub use part::{Part, Record, Shard};
-pub use pieces::check_piece;
+pub(crate) use part::Part;
+pub use part::{Record, Shard};
+pub(crate) use pieces::check_piece;
 pub use reader::Dataset;

@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::{io, lock_in_place, put, step};
 
 use super::header::DatasetHeader;
@@ -89,12 +89,10 @@ impl Part {
     pub fn open(folder: &Path, header: &DatasetHeader, first: usize) -> Result<Self> {
         let path = folder.join(format!("rollouts-{first:06}.npy"));
         let Some(file) = lock_in_place(&path)? else {
-            return Err(LearnError::Dataset {
+            return Err(FileKind::Dataset.unusable(
                 path,
-                message:
-                    "another process is collecting these rollouts; wait for its end, or collect another shard"
-                        .into(),
-            });
+                "another process is collecting these rollouts; wait for its end, or collect another shard",
+            ));
         };
         let (fields, record_bytes) = (header.fields(), header.record_bytes() as usize);
         let count = count_records(&path, &file, &fields, header.record_bytes())?;
@@ -136,13 +134,13 @@ impl Part {
         written.map_err(|source| {
             // Whether or not the room can be given back, the header tells how far the file is valid.
             let _ = self.rewind();
-            LearnError::Dataset {
-                path: self.path.clone(),
-                message: format!(
+            FileKind::Dataset.unusable(
+                &self.path,
+                format!(
                     "writing failed ({source}); its {} rollouts are safe: make room, then give the same command again",
                     self.count
                 ),
-            }
+            )
         })
     }
 }
@@ -161,17 +159,15 @@ pub(super) fn count_records(path: &Path, file: &File, fields: &[Field], record_b
     let counted = npy::count(fields, &begin).or_else(|| npy::is_torn(fields, &begin).then_some(complete));
     match counted {
         Some(count) if count <= complete => Ok(count),
-        Some(count) => Err(LearnError::Dataset {
-            path: path.to_owned(),
-            message: format!(
+        Some(count) => Err(FileKind::Dataset.unusable(
+            path,
+            format!(
                 "it has {length} bytes, expected those of {count} rollouts; it was truncated after it was written: \
                  move it away"
             ),
-        }),
-        None => Err(LearnError::Dataset {
-            path: path.to_owned(),
-            message: "its header does not fit the dataset.json beside it; move the file away".into(),
-        }),
+        )),
+        None => Err(FileKind::Dataset
+            .unusable(path, "its header does not fit the dataset.json beside it; move the file away")),
     }
 }
 

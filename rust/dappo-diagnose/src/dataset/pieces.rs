@@ -4,7 +4,7 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, Result};
 use dappo_learn::files::{io, open_regular};
 
 use super::header::DatasetHeader;
@@ -23,16 +23,16 @@ pub fn check_piece(folder: &Path, header: &DatasetHeader, range: &Range<usize>) 
         }
         let end = first.saturating_add(count_records(&path, &file, &header.fields(), header.record_bytes())?);
         if end > first && end > range.start {
-            return Err(LearnError::Dataset {
-                message: format!(
+            return Err(FileKind::Dataset.unusable(
+                path,
+                format!(
                     "it holds the rollouts {first} to {}, of which this command would collect some again ({} to {}): \
                      all pieces of a dataset need the same number of rollouts and of pieces",
                     end - 1,
                     range.start,
                     range.end - 1
                 ),
-                path,
-            });
+            ));
         }
     }
     Ok(())

@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::{io, open_regular};
 
 use super::header::DatasetHeader;
@@ -48,32 +48,29 @@ impl Dataset {
         shelves.sort_by_key(|shelf| shelf.first);
         for pair in shelves.windows(2) {
             if pair[0].first.saturating_add(pair[0].count) > pair[1].first {
-                return Err(LearnError::Dataset {
-                    path: pair[1].path.clone(),
-                    message: format!(
+                return Err(FileKind::Dataset.unusable(
+                    &pair[1].path,
+                    format!(
                         "its first rollout is also in {}, which holds {} from number {} on; move one of them away",
                         pair[0].path.display(),
                         pair[0].count,
                         pair[0].first
                     ),
-                });
+                ));
             }
         }
         let rollouts = shelves.iter().fold(0_usize, |sum, shelf| sum.saturating_add(shelf.count));
         if rollouts > MOST_WINDOWS / header.subject.classes() {
-            return Err(LearnError::Dataset {
-                path: folder.to_owned(),
-                message: format!(
+            return Err(FileKind::Dataset.unusable(
+                folder,
+                format!(
                     "it holds {rollouts} rollouts of {} classes, expected at most {MOST_WINDOWS} windows",
                     header.subject.classes()
                 ),
-            });
+            ));
         }
         if rollouts == 0 {
-            return Err(LearnError::Dataset {
-                path: folder.to_owned(),
-                message: "it holds no rollout yet".into(),
-            });
+            return Err(FileKind::Dataset.unusable(folder, "it holds no rollout yet"));
         }
         let mut end = 0;
         let fields = header.fields();

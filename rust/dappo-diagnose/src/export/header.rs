@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::RunPolicy;
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
+use dappo_learn::run_folder::RunFolder;
 use dappo_nn::Standardizer;
 use dappo_sim::terms::ObservationTerm;
 use serde::{Deserialize, Serialize};
 
-use super::unusable;
 use crate::controller::ControllerConfig;
 use crate::{Description, Head, Method, Subject, Twin, TwinAction};
 
@@ -160,6 +161,19 @@ pub struct RunSource {
     pub fingerprint: String,
 }
 
+impl RunSource {
+    /// The source of the policy of a run.
+    pub fn of(folder: &RunFolder, policy: &RunPolicy) -> Result<Self> {
+        let RunPolicy { env_steps, fingerprint, .. } = policy;
+        Ok(Self {
+            run: last_name(folder.root()),
+            version: folder.version()?,
+            env_steps: *env_steps,
+            fingerprint: fingerprint.clone(),
+        })
+    }
+}
+
 /// The training of a diagnoser.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -184,6 +198,7 @@ impl Manifest for ExportHeader {
     const NAME: &'static str = "export.json";
     const FORMAT: &'static str = "dappo-batch export 1";
     const KIND: &'static str = "an export";
+    const FILES: FileKind = FileKind::Export;
     const ADVICE: &'static str = "export again";
 
     fn seals(&self) -> Vec<(String, Seal)> {
@@ -192,10 +207,6 @@ impl Manifest for ExportHeader {
             checksum: Checksum::Sha256(file.sha256.clone()),
         };
         self.files.iter().map(|(name, file)| (name.clone(), seal(file))).collect()
-    }
-
-    fn error(path: &Path, message: String) -> LearnError {
-        unusable(path, message)
     }
 }
 
@@ -238,6 +249,11 @@ impl ExportHeader {
             standardizer,
         })
     }
+}
+
+/// The name of a folder without those above it, which mean nothing on another machine.
+pub(crate) fn last_name(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The blocks of a diagnoser's input, in order.

@@ -14,6 +14,7 @@
 mod header;
 mod networks;
 mod onnx;
+mod run;
 mod tensors;
 
 use std::collections::BTreeMap;
@@ -21,7 +22,7 @@ use std::path::Path;
 
 use dappo_learn::{
     config::{Config, Layers},
-    error::{LearnError, Result},
+    error::{FileKind, Result},
     files::{
         Files, io,
         sealed::{Manifest, SealedFolder, UnsealedFolder, check_replaceable, sha256},
@@ -35,10 +36,12 @@ use dappo_sim::terms::Task;
 
 use crate::controller::{ControllerConfig, Skills};
 
+pub(crate) use header::last_name;
 pub use header::{
     ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader, RunSource,
     Sources, TwinHeader,
 };
+pub use run::ExportedRun;
 use tensors::{Reader, Tensors};
 
 const CONFIG: &str = "config.toml";
@@ -183,7 +186,7 @@ impl Export {
     pub fn open(folder: &Path) -> Result<Self> {
         let sealed = SealedFolder::<ExportHeader>::open(&std::path::absolute(folder).map_err(io(folder))?)?;
         if let Some(controller) = &sealed.manifest().controller {
-            controller.check().map_err(|error| unusable(sealed.folder(), error.to_string()))?;
+            controller.check().map_err(|error| FileKind::Export.unusable(sealed.folder(), error))?;
         }
         Ok(Self { sealed })
     }
@@ -209,7 +212,7 @@ impl Export {
     pub fn config(&self) -> Result<Config> {
         let path = self.sealed.path(CONFIG);
         let text =
-            String::from_utf8(self.read(CONFIG)?).map_err(|error| unusable(&path, error.to_string()))?;
+            String::from_utf8(self.read(CONFIG)?).map_err(|error| FileKind::Export.unusable(&path, error))?;
         let mut layers = Layers::default();
         layers.add_toml(&text, &path.display().to_string())?;
         Ok(Config { robot_file: Some(self.sealed.path(ROBOT)), ..layers.resolve()? })
@@ -231,7 +234,7 @@ impl Export {
         let ExportHeader { diagnoser: Some(diagnoser), controller: Some(config), .. } = self.header() else {
             let message = "it holds a policy alone, and a controller needs a diagnoser, too; export again with \
                            --diagnoser, or take the policy by itself with Policy.from_export";
-            return Err(unusable(self.folder(), message.into()));
+            return Err(FileKind::Export.unusable(self.folder(), message));
         };
         let policy = self.policy()?;
         let expert = self
@@ -243,7 +246,8 @@ impl Export {
         let (path, bytes) = (self.sealed.path(name), self.read(name)?);
         let diagnoser = networks::read_diagnoser(self.header(), diagnoser, &Reader::new(&path, &bytes)?)?;
         let baselines: Option<Vec<f64>> = self.header().classes.iter().map(|class| class.baseline).collect();
-        let missing = || unusable(self.folder(), "a damage class has no `baseline`; export again".into());
+        let missing =
+            || FileKind::Export.unusable(self.folder(), "a damage class has no `baseline`; export again");
         let baselines = baselines.ok_or_else(missing)?;
         Ok((Skills { policy, expert, diagnoser, baselines }, config.clone()))
     }
@@ -252,9 +256,4 @@ impl Export {
         let (path, bytes) = (self.sealed.path(&part.tensors), self.read(&part.tensors)?);
         networks::read_policy(part, self.header().obs_dim, &Reader::new(&path, &bytes)?)
     }
-}
-
-/// An error that names a file of an export.
-fn unusable(path: &Path, message: String) -> LearnError {
-    LearnError::Export { path: path.to_owned(), message }
 }

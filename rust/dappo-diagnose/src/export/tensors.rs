@@ -6,12 +6,10 @@ use std::path::Path;
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::TensorData;
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_nn::error::check_length;
 use dappo_nn::{cpu, read};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
-
-use super::unusable;
 
 /// An array in row-major order.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +53,7 @@ impl Tensors {
         let views: std::result::Result<Vec<_>, _> = views.collect();
         views
             .and_then(|views| safetensors::serialize(views, None))
-            .map_err(|error| unusable(path, error.to_string()))
+            .map_err(|error| FileKind::Export.unusable(path, error))
     }
 }
 
@@ -67,28 +65,29 @@ pub(super) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self> {
-        let file = SafeTensors::deserialize(bytes).map_err(|error| unusable(path, error.to_string()))?;
+        let file = SafeTensors::deserialize(bytes).map_err(|error| FileKind::Export.unusable(path, error))?;
         Ok(Self { path, file })
     }
 
     pub fn array(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>> {
-        let view = self.file.tensor(name).map_err(|error| unusable(self.path, error.to_string()))?;
+        let view = self.file.tensor(name).map_err(|error| FileKind::Export.unusable(self.path, error))?;
         if view.dtype() != Dtype::F32 || view.shape() != shape {
             let (dtype, found) = (view.dtype(), view.shape());
             let message = format!("`{name}` is {dtype} {found:?}, expected F32 {shape:?}");
-            return Err(unusable(self.path, message));
+            return Err(FileKind::Export.unusable(self.path, message));
         }
         let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let values: Vec<f32> = view.data().chunks_exact(4).map(number).collect();
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-            return Err(unusable(self.path, format!("`{name}` holds {value}, expected finite numbers")));
+            return Err(FileKind::Export
+                .unusable(self.path, format!("`{name}` holds {value}, expected finite numbers")));
         }
         Ok(values)
     }
 
     /// Blames the file for what does not fit its arrays.
     pub fn blame(&self, error: impl std::fmt::Display) -> LearnError {
-        unusable(self.path, error.to_string())
+        FileKind::Export.unusable(self.path, error)
     }
 
     /// What [`Tensors::put_linear`] put.

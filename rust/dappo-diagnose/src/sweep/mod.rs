@@ -19,7 +19,7 @@ use super::{DiagnoserConfig, PairSource, Subject, TrainingFolder};
 use crate::memory::check_diagnosers;
 
 pub use grid::{Cell, Grid};
-pub use paper::{PaperResult, paper_result};
+pub use paper::PaperResult;
 pub use table::{Row, Table};
 
 /// Stem of the files with a cell's results on the test rollouts.

@@ -8,7 +8,8 @@ use dappo_learn::error::Result;
 use dappo_learn::files::write_atomically;
 use dappo_learn::statistics::{mean, sample_deviation};
 
-use super::{CellResult, Grid, PaperResult, paper_result};
+use super::paper::paper_result;
+use super::{CellResult, Grid, PaperResult};
 use crate::Method;
 
 /// One cell over all its seeds.

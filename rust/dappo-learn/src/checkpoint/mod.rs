@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::engine::RolloutEngine;
 use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
-use crate::error::{LearnError, Result};
+use crate::error::{FileKind, Result};
 use crate::files::sealed::{
     Checksum, Manifest, Seal, SealedFolder, UnsealedFolder, check_replaceable, crc32,
 };
@@ -76,6 +76,7 @@ impl<P: Position> Manifest for CheckpointManifest<P> {
     const NAME: &'static str = "manifest.json";
     const FORMAT: &'static str = "dappo-batch checkpoint 1";
     const KIND: &'static str = "a checkpoint";
+    const FILES: FileKind = FileKind::Checkpoint;
     const ADVICE: &'static str = "remove this checkpoint to go on from the one before";
     /// The files of all kinds of checkpoints.
     const UNLISTED: &'static [&'static str] = &[
@@ -96,10 +97,6 @@ impl<P: Position> Manifest for CheckpointManifest<P> {
     fn seals(&self) -> Vec<(String, Seal)> {
         let seal = |file: &FileEntry| Seal { bytes: Some(file.bytes), checksum: Checksum::Crc32(file.crc32) };
         self.files.iter().map(|file| (file.name.clone(), seal(file))).collect()
-    }
-
-    fn error(path: &Path, message: String) -> LearnError {
-        LearnError::Checkpoint { path: path.to_owned(), message }
     }
 }
 
@@ -142,12 +139,13 @@ impl<P: Position> Checkpoint<P> {
     /// Opens the newest checkpoint of a run and verifies it.
     pub fn newest(checkpoints: &Path, robot: &str) -> Result<Self> {
         let newest = numbered(checkpoints)?.pop();
-        let folder = newest.ok_or_else(|| broken(checkpoints, "the folder holds no checkpoint".into()))?;
+        let folder = newest
+            .ok_or_else(|| FileKind::Checkpoint.unusable(checkpoints, "the folder holds no checkpoint"))?;
         let checkpoint = Self::open(&folder, robot)?;
         let (name, found) = (number_of(&folder), checkpoint.progress.number());
         if name != Some(found) {
             let message = format!("it holds number {found}; rename it to {found:08}, or remove it");
-            return Err(broken(&folder, message));
+            return Err(FileKind::Checkpoint.unusable(&folder, message));
         }
         Ok(checkpoint)
     }
@@ -158,7 +156,7 @@ impl<P: Position> Checkpoint<P> {
         let found = &sealed.manifest().robot;
         if found != robot {
             let message = format!("it belongs to robot `{found}`, expected `{robot}`");
-            return Err(broken(&sealed.manifest_path(), message));
+            return Err(FileKind::Checkpoint.unusable(sealed.manifest_path(), message));
         }
         Ok(Self { progress: sealed.manifest().progress, sealed })
     }
@@ -199,14 +197,11 @@ impl Checkpoint {
     pub fn restore_envs(&self, engine: &mut dyn RolloutEngine) -> Result<EpisodeTracker> {
         let state = EnvState::load(self)?;
         engine.restore(&state.envs).map_err(|error| {
-            broken(self.sealed.folder(), format!("its envs are not those of this run ({error})"))
+            FileKind::Checkpoint
+                .unusable(self.sealed.folder(), format!("its envs are not those of this run ({error})"))
         })?;
         Ok(state.episodes)
     }
-}
-
-fn broken(path: &Path, message: String) -> LearnError {
-    LearnError::Checkpoint { path: path.to_owned(), message }
 }
 
 /// The number that is written as this name; `None` for any other name, such as `1` or `notes`.

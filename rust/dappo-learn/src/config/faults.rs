@@ -72,7 +72,7 @@ impl Faults {
 
     /// Whether a fault of this setting, or of a part of it, is known.
     #[must_use]
-    pub fn concern(&self, key: &str) -> bool {
+    pub(crate) fn concern(&self, key: &str) -> bool {
         self.found.iter().any(|fault| {
             [(key, &fault.key as &str), (&fault.key, key)].iter().any(|(whole, part)| {
                 part.strip_prefix(*whole).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))

@@ -257,8 +257,11 @@ fn coverage(seeds: usize, other_seeds: usize) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::super::tables::tests::{class, simulator};
     use super::*;
+    use crate::files::testing::Scratch;
 
     fn run(seed: u64, encoding: Encoding, rewards: [f64; 4]) -> RunEvaluation {
         let groups = ["none", "D1", "D1_1 A", "D1_1 O"];
@@ -306,6 +309,53 @@ mod tests {
             summary.intervals_cover,
             "classes and the seeds of RUN, but classes only of OTHER, which has one seed"
         );
+    }
+
+    #[test]
+    fn a_comparison_is_written_into_the_first_run_under_the_name_of_its_encoding() {
+        let (scratch, comparison) = (Scratch::new(), comparison());
+        std::fs::write(scratch.0.join("config.toml"), "robot = 'ant'").unwrap();
+        let (run, _) = RunFolder::open(&scratch.0).unwrap();
+        comparison.write(&run, Encoding::Wrong).unwrap();
+        let eval = scratch.0.join("eval");
+        let mut files: Vec<_> =
+            std::fs::read_dir(&eval).unwrap().map(|file| file.unwrap().file_name()).collect();
+        files.sort();
+        assert_eq!(files, ["comparison.wrong.csv", "comparison.wrong.json"]);
+        let text = |name| std::fs::read_to_string(eval.join(name)).unwrap();
+        assert_eq!(text("comparison.wrong.csv"), comparison.class_table());
+        let json: serde_json::Value = serde_json::from_str(&text("comparison.wrong.json")).unwrap();
+        let expected = json!({
+            "runs": {
+                "encoding": "wrong",
+                "forward_reward": 7.5,
+                "seeds": [
+                    {"run": "runs/1", "seed": 1, "env_steps": 1000, "forward_reward": 7.5},
+                    {"run": "runs/2", "seed": 2, "env_steps": 2000, "forward_reward": 7.5},
+                ],
+            },
+            "others": {
+                "encoding": "true",
+                "forward_reward": 5.0,
+                "seeds": [{"run": "runs/1", "seed": 1, "env_steps": 1000, "forward_reward": 5.0}],
+            },
+            "evaluation_seed": 3,
+            "backend": "lanes",
+            "precision": "f64",
+            "device": "cpu",
+            "physics": "rk4",
+            "classes_won": 3,
+            "share_won": 0.75,
+        });
+        for (key, value) in expected.as_object().unwrap() {
+            assert_eq!(json[key], *value, "{key}");
+        }
+        // The gains: 7.5 against 5 over all classes, 6 against 5 in the adjacent pair, 9 against 3 in the opposite one.
+        for (key, classes, gain) in [("gain", 4, 2.5), ("adjacent_pairs", 1, 1.0), ("opposite_pairs", 1, 6.0)]
+        {
+            assert_eq!(json[key]["classes"], classes, "{key}");
+            assert_eq!(json[key]["absolute"]["value"], gain, "{key}");
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::statistics::{mean, standard_error};
 use crate::walk::{Agent, Encoding, Episode, KnownClasses, Trial};
 
-pub use bootstrap::{CONFIDENCE, Estimate, Gain, RESAMPLES};
+pub use bootstrap::{Estimate, Gain};
 pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Side};
 pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};

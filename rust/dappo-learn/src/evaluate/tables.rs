@@ -173,7 +173,10 @@ impl MeanVelocities {
         Self::parse(&table, &path).map(Some)
     }
 
-    /// Those of the damage classes of a robot, in their order; fails if the table has others.
+    /// Those of the C damage classes of a robot, in their order; fails if the table has others.
+    ///
+    /// # Shapes
+    /// class names `[C]`; returns `[C]`, m/s
     pub fn of(self, class_names: &[String]) -> Result<Vec<f64>> {
         if self.class_names == class_names {
             return Ok(self.velocities);

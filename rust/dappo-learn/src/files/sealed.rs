@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 
 use super::folders::{TemporaryFolder, check_folder, check_names, folder_of, replace_folder};
 use super::{Files, TEXT_BYTES, io, is_file_name, open_regular, read_regular, write_new};
-use crate::error::{LearnError, Result};
+use crate::error::{FileKind, LearnError, Result};
 
 /// The longest file that is read, bytes: burn's arrays end at 10 GiB.
 const LONGEST: u64 = 1 << 34;
@@ -31,6 +31,8 @@ pub trait Manifest: DeserializeOwned {
     const FORMAT: &'static str;
     /// What such a folder is.
     const KIND: &'static str;
+    /// What its files belong to.
+    const FILES: FileKind;
     /// What to do with one that is broken.
     const ADVICE: &'static str;
     /// Files that may be in such a folder even if no manifest lists them, as kills of earlier versions left them.
@@ -38,9 +40,6 @@ pub trait Manifest: DeserializeOwned {
 
     /// All other files.
     fn seals(&self) -> Vec<(String, Seal)>;
-
-    /// An error about a file of the folder.
-    fn error(path: &Path, message: String) -> LearnError;
 }
 
 /// What a file is known by.
@@ -160,11 +159,12 @@ impl<M: Manifest> SealedFolder<M> {
     pub fn open(folder: &Path) -> Result<Self> {
         let sealed = Self::read_manifest(folder)?;
         check_names(folder, |name| name == M::NAME || sealed.seals.contains_key(name)).map_err(|path| {
-            M::error(&path, format!("{} does not list it; remove it, or {}", M::NAME, M::ADVICE))
+            M::FILES.unusable(&path, format!("{} does not list it; remove it, or {}", M::NAME, M::ADVICE))
         })?;
         for (name, seal) in &sealed.seals {
             let path = folder.join(name);
-            seal.check_file(&path).map_err(|message| M::error(&path, format!("{message}; {}", M::ADVICE)))?;
+            seal.check_file(&path)
+                .map_err(|message| M::FILES.unusable(&path, format!("{message}; {}", M::ADVICE)))?;
         }
         Ok(sealed)
     }
@@ -172,7 +172,7 @@ impl<M: Manifest> SealedFolder<M> {
     fn read_manifest(folder: &Path) -> Result<Self> {
         check_folder(folder)?;
         let path = folder.join(M::NAME);
-        let bad = |message: String| M::error(&path, message);
+        let bad = |message: String| M::FILES.unusable(&path, message);
         let bytes = read_regular(&path, TEXT_BYTES)
             .map_err(|error| bad(format!("it cannot be read ({error}); this is not {}", M::KIND)))?;
         let fingerprint = crc32fast::hash(&bytes);
@@ -229,7 +229,7 @@ impl<M: Manifest> Files for SealedFolder<M> {
 
     fn read(&self, name: &str, limit: u64) -> Result<Vec<u8>> {
         let path = self.path(name);
-        let bad = |message: String| M::error(&path, format!("{message}; {}", M::ADVICE));
+        let bad = |message: String| M::FILES.unusable(&path, format!("{message}; {}", M::ADVICE));
         let seal = self.seals.get(name).ok_or_else(|| bad(format!("{} does not list it", M::NAME)))?;
         let bytes =
             read_regular(&path, limit).map_err(|error| bad(format!("it cannot be read ({error})")))?;
@@ -285,7 +285,7 @@ impl<M: Manifest> UnsealedFolder<M> {
         } else {
             serde_json::to_string_pretty(manifest).map(|text| text + "\n").map_err(|error| error.to_string())
         };
-        write_new(&path, text.map_err(|error| M::error(&path, error))?.as_bytes())
+        write_new(&path, text.map_err(|error| M::FILES.unusable(&path, error))?.as_bytes())
     }
 
     /// Puts the folder where it belongs.

@@ -28,7 +28,7 @@ pub(super) struct ValueBatch {
 }
 
 impl<'a> PolicyBatch<'a> {
-    /// The policy's batch of a rollout whose normalised observations are `obs`.
+    /// The policy's batch of a rollout whose normalised observations are `obs`, `[B, O]`.
     pub fn new(rollout: &'a Rollout, obs: &'a [f32], targets: &Targets) -> Self {
         Self {
             obs,

@@ -134,7 +134,7 @@ impl PpoConfig {
     }
 
     /// Notes the settings outside their range.
-    pub fn review(&self, faults: &mut Faults) {
+    pub(crate) fn review(&self, faults: &mut Faults) {
         let (gamma, lambda, clip) = (self.gamma, self.gae_lambda, self.clip_range);
         faults.rule("gamma", gamma, "a number in [0, 1)", (0.0..1.0).contains(&gamma));
         faults.rule("gae_lambda", lambda, "a number in [0, 1]", (0.0..=1.0).contains(&lambda));

@@ -19,6 +19,8 @@ pub(super) struct Gaussian {
 }
 
 impl Gaussian {
+    /// # Shapes
+    /// current and old logarithms of the standard deviations `[A]`
     pub fn new(log_std: &[f32], old_log_std: &[f32]) -> Self {
         let pairs = log_std.iter().zip(old_log_std).map(|(new, old)| (f64::from(*new), f64::from(*old)));
         let shared_kl = pairs.map(|(new, old)| new - old + 0.5 * (2.0 * (old - new)).exp() - 0.5).sum();
@@ -43,6 +45,9 @@ impl Gaussian {
     }
 
     /// KL(old ‖ current) summed over rows.
+    ///
+    /// # Shapes
+    /// rows of the batch `[R]`, means of the current policy there `[R, A]`
     pub fn kl_sum(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32]) -> f64 {
         let width = self.actions();
         let of_row = |(index, mean): (&i32, &[f32])| {
@@ -54,6 +59,9 @@ impl Gaussian {
     }
 
     /// Number of rows whose ratio lies outside 1 ± `clip_range`.
+    ///
+    /// # Shapes
+    /// rows of the batch `[R]`, means of the current policy there `[R, A]`
     pub fn clipped(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32], clip_range: f64) -> usize {
         let outside = |(index, mean): &(&i32, &[f32])| {
             let action = row(batch.actions, **index, mean.len());

@@ -155,13 +155,16 @@ pub fn kl_divergence(
 }
 
 /// β KL + η max(0, KL − 2 d*)².
+///
+/// # Shapes
+/// kl `[1]`; returns `[1]`
 #[must_use]
 pub fn kl_penalty(kl: Tensor<1>, kl_coef: f64, kl_target: f64, kl_hinge: f64) -> Tensor<1> {
     let excess = kl.clone().sub_scalar(2.0 * kl_target).clamp_min(0.0);
     kl.mul_scalar(kl_coef) + excess.square().mul_scalar(kl_hinge)
 }
 
-/// Entropy of a diagonal Gaussian, nats.
+/// Entropy of a diagonal Gaussian with standard deviations of these logarithms, `[A]`, nats.
 #[must_use]
 pub fn entropy(log_std: &[f32]) -> f64 {
     log_std.iter().map(|log_std| f64::from(*log_std) + 0.5 + LN_SQRT_TAU).sum()

@@ -8,7 +8,7 @@ mod batch;
 pub mod config;
 mod descent;
 mod gaussian;
-pub mod loss;
+mod loss;
 mod recorded;
 mod state;
 mod update;

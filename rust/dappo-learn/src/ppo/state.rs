@@ -23,7 +23,7 @@ use super::batch::ValueBatch;
 use super::loss::Adaptation;
 use super::{Ppo, PpoConfig, optimizer, trainable};
 use crate::envs::Sizes;
-use crate::error::{LearnError, Result};
+use crate::error::Result;
 use crate::files::{Files, TEXT_BYTES, write_new};
 use crate::records::{load_module, load_optimizer, read_numbers, save_module, save_optimizer, unreadable};
 
@@ -140,9 +140,11 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
         String::from_utf8(files.read(LEARNER, TEXT_BYTES)?).map_err(|error| unreadable(&path, error))?;
     let header: Header = toml::from_str(&text).map_err(|error| unreadable(&path, error))?;
     header.normalizer.check().map_err(|error| unreadable(&path, error))?;
-    let mismatch = |what, got, expected| LearnError::Mismatch { path: path.clone(), what, got, expected };
+    let mismatch = |what: &str, got: &str, expected: &str| {
+        unreadable(&path, format!("{what} is {got}, expected {expected}"))
+    };
     if header.hidden != config.hidden {
-        return Err(mismatch("hidden", format!("{:?}", header.hidden), format!("{:?}", config.hidden)));
+        return Err(mismatch("hidden", &format!("{:?}", header.hidden), &format!("{:?}", config.hidden)));
     }
     let code_length = header.normalizer.code_length();
     let known =
@@ -155,7 +157,7 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
         ("length of the normaliser", header.normalizer.obs_dim(), header.obs_dim),
     ] {
         if got != expected {
-            return Err(mismatch(what, got.to_string(), expected.to_string()));
+            return Err(mismatch(what, &got.to_string(), &expected.to_string()));
         }
     }
     let Adaptation { kl_coef, lr_factor } = header.adaptation;

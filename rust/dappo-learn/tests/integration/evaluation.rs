@@ -55,7 +55,7 @@ impl EnvFactory for Factory {
 
     fn backend(&self, envs: usize, _: Option<&str>, physics: Physics) -> Result<Box<dyn Backend>, SimError> {
         assert_eq!(physics, self.evaluation_physics());
-        Ok(Box::new(Counter::new(envs, self.space.classes().len())))
+        Ok(Box::new(Counter::new(&self.robot, envs, self.space.classes().len())))
     }
 }
 

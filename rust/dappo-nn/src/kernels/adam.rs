@@ -55,7 +55,10 @@ for_every_level! {
     ) = step_body;
 }
 
-/// One step of a parameter and its moments.
+/// One step of a parameter of P numbers and its moments.
+///
+/// # Shapes
+/// parameter, gradient, moments `[P]`
 ///
 /// # Panics
 /// If the slices differ in length.

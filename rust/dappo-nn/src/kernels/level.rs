@@ -12,7 +12,8 @@ pub struct Level(Simd);
 impl Level {
     /// The widest level of this machine, or the one that the environment variable `DAPPO_SIMD` names, as the lane
     /// engine has it. A name that this machine does not know is refused where a learner is made
-    /// ([`LearnerDevice::open`](crate::LearnerDevice::open)), and counts for nothing here.
+    /// ([`LearnerDevice::open`](crate::LearnerDevice::open)), and counts for nothing here. The products that the `gemm`
+    /// crate computes are out of its reach: that crate asks the machine itself.
     #[must_use]
     pub fn chosen() -> Self {
         simd::chosen().map_or_else(|_| Self::best(), Self)

@@ -1,5 +1,5 @@
 //! Products of row-major f32 matrices on one thread: our own with AVX-512 where columns of the second matrix are next to
-//! each other, those of the `gemm` crate otherwise.
+//! each other, those of the `gemm` crate otherwise, which chooses its instruction set itself.
 
 use super::Level;
 #[cfg(target_arch = "x86_64")]
@@ -24,7 +24,7 @@ impl<'a> Matrix<'a> {
         Self { data, rows, columns, row_stride: columns.cast_signed(), column_stride: 1 }
     }
 
-    /// Views every row of `columns` numbers that begins at a multiple of `stride`; `data` ends with the last row.
+    /// Views as `[rows, columns]` the rows that begin at multiples of `stride`; `data` ends with the last row.
     pub fn strided(data: &'a [f32], rows: usize, columns: usize, stride: usize) -> Self {
         assert_eq!(
             data.len(),
@@ -51,7 +51,7 @@ impl<'a> Matrix<'a> {
         Self { data, rows: count, ..self }
     }
 
-    /// The transpose as a row-major matrix of its own, which products read faster.
+    /// The transpose as a row-major matrix of its own, `[columns, rows]`, which products read faster.
     pub fn to_transposed(self) -> Vec<f32> {
         let (row_stride, column_stride) = (self.row_stride.unsigned_abs(), self.column_stride.unsigned_abs());
         let mut out = Vec::with_capacity(self.rows * self.columns);

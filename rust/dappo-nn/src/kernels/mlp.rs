@@ -35,7 +35,8 @@ pub fn partitions(rows: usize) -> usize {
     rows.div_ceil(partition_rows(rows.max(1)))
 }
 
-/// Number of weights and biases of an MLP of these sizes; `None` if they cannot be counted.
+/// Number of weights and biases of an MLP whose sizes are those of its input, its hidden layers and its output; `None` if
+/// they cannot be counted.
 #[must_use]
 pub fn parameter_count(sizes: &[usize]) -> Option<usize> {
     let layer = |pair: &[usize]| pair[0].checked_add(1)?.checked_mul(pair[1]);

@@ -4,7 +4,7 @@
 //! Here a block of rows goes through all layers while it is in cache, and every loop is compiled for the
 //! widest vectors of the machine it runs on.
 
-pub mod adam;
+pub(crate) mod adam;
 mod elementwise;
 mod level;
 pub mod lstm;

@@ -11,20 +11,10 @@ use dappo_nn::{
 };
 use dappo_sim::rng::{Purpose, Stream};
 
-/// Largest difference, relative to the largest reference value.
-const TOLERANCE: f32 = 2e-6;
-
-fn normals(count: usize, seed: u64) -> Vec<f32> {
-    let mut stream = Stream::new(seed, 0, Purpose::Weights);
-    (0..count).map(|_| stream.normal() as f32).collect()
-}
+use crate::{TOLERANCE, normals, values};
 
 fn tensor<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values, shape), device)
-}
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().unwrap()
 }
 
 fn sizes(inputs: usize, embedding: usize, hidden: usize) -> LstmSizes {

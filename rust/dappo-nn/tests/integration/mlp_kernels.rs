@@ -7,13 +7,7 @@ use dappo_nn::{
 };
 use dappo_sim::rng::{Purpose, Stream};
 
-/// Largest difference, relative to the largest reference value.
-const TOLERANCE: f32 = 2e-6;
-
-fn normals(count: usize, seed: u64) -> Vec<f32> {
-    let mut stream = Stream::new(seed, 0, Purpose::Weights);
-    (0..count).map(|_| stream.normal() as f32).collect()
-}
+use crate::{TOLERANCE, normals, values};
 
 fn net(sizes: &[usize], device: &Device) -> Mlp {
     let mut stream = Stream::new(1, 0, Purpose::Weights);
@@ -29,10 +23,6 @@ fn net(sizes: &[usize], device: &Device) -> Mlp {
         });
     }
     net
-}
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data().try_into_vec().unwrap()
 }
 
 /// Output and parameter gradients of Σ weights · net(x), layer after layer, by autodiff.

@@ -9,7 +9,6 @@ mod diagnose;
 mod evaluate;
 mod export;
 mod film;
-pub mod policy;
 mod progress;
 mod render;
 pub mod settings;

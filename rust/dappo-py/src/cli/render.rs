@@ -2,18 +2,18 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dappo_diagnose::controller::ControllerConfig;
-use dappo_learn::Result;
+use dappo_diagnose::controller::{ControllerConfig, Parts};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Agent, Encoding, Kept, KnownClasses, Trial, Walks, onset_at};
+use dappo_learn::{Result, RunPolicy};
 use pyo3::prelude::*;
 
 use super::args::{RenderArgs, ViewArgs, WalkArgs};
 use super::film::{self, Film, Walker};
-use super::{Caller, INTERRUPTED, policy, settings};
-use crate::controller::Parts;
+use super::{Caller, INTERRUPTED, settings};
+use crate::controller::open_parts;
 use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
@@ -43,7 +43,7 @@ fn film_walk(
 ) -> PyResult<i32> {
     let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
     let parts = match &arguments.diagnoser {
-        Some(diagnoser) => Some(Parts::open(py, &run, arguments.expert.as_deref(), diagnoser)?),
+        Some(diagnoser) => Some(open_parts(py, &run, arguments.expert.as_deref(), diagnoser)?),
         None => None,
     };
     let OpenRun { folder, mut config, .. } = run;
@@ -81,7 +81,7 @@ fn walk(
         let walker = Walker::Controller(controller.class_names().to_vec());
         return Ok(run(Agent::Onboard(&mut controller))?.map(|walks| (walks, walker)));
     }
-    let policy = policy::load(folder, config, factory)?.policy;
+    let policy = RunPolicy::newest(folder, config, factory)?.policy;
     let known = KnownClasses::of(factory.space());
     let (agent, walker) = if policy.code_length() > 0 {
         (Agent::Encoded(&policy, &known, Encoding::True), Walker::Policy("the policy is told at once"))

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use dappo_learn::LearnError;
-use dappo_learn::config::{Config, Layers};
+use dappo_learn::config::{Assignment, Config, Layers};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::files::read_given_text;
 use dappo_sim::{BackendKind, Device, Precision, SimError};
@@ -46,31 +46,23 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
             .map_err(|error| LearnError::Invalid(format!("cannot read {}: {error}", path.display())))?;
         layers.add_toml(&text, &path.display().to_string())?;
     }
-    for (key, value) in [
-        ("env.num_envs", arguments.num_envs.map(Count::get)),
-        ("total_steps", arguments.total_steps.map(AtLeast::get)),
-        ("seed", arguments.seed.map(AtLeast::get)),
-        ("env.threads", arguments.threads.map(Threads::get)),
-        ("env.njmax", arguments.room.njmax.map(Count::get)),
-        ("env.nconmax", arguments.room.nconmax.map(Count::get)),
-    ] {
-        if let Some(value) = value {
-            layers.set(key, value)?;
-        }
-    }
-    for (key, value) in [
-        ("robot", arguments.robot.as_deref()),
-        ("env.device", arguments.device.as_deref()),
-        ("env.backend", arguments.backend.as_deref()),
-        ("env.precision", arguments.precision.as_deref()),
-        ("ppo.device", arguments.learner.as_deref()),
-        ("env.reward", arguments.reward.as_deref()),
-        ("env.physics", arguments.physics.as_deref()),
-    ] {
-        if let Some(value) = value {
-            layers.set(key, value)?;
-        }
-    }
+    let number = |number: Option<i64>| number.map(toml::Value::from);
+    let name = |name: Option<&str>| name.map(toml::Value::from);
+    layers.assign(&flags([
+        ("env.num_envs", number(arguments.num_envs.map(Count::get))),
+        ("total_steps", number(arguments.total_steps.map(AtLeast::get))),
+        ("seed", number(arguments.seed.map(AtLeast::get))),
+        ("env.threads", number(arguments.threads.map(Threads::get))),
+        ("env.njmax", number(arguments.room.njmax.map(Count::get))),
+        ("env.nconmax", number(arguments.room.nconmax.map(Count::get))),
+        ("robot", name(arguments.robot.as_deref())),
+        ("env.device", name(arguments.device.as_deref())),
+        ("env.backend", name(arguments.backend.as_deref())),
+        ("env.precision", name(arguments.precision.as_deref())),
+        ("ppo.device", name(arguments.learner.as_deref())),
+        ("env.reward", name(arguments.reward.as_deref())),
+        ("env.physics", name(arguments.physics.as_deref())),
+    ]))?;
     if arguments.unaware {
         layers.set("env.observe_damage", false)?;
     }
@@ -78,6 +70,12 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
         layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
     }
     layers.assign(&arguments.set)
+}
+
+/// The settings of the flags that were given, by their dotted keys.
+pub fn flags<const N: usize>(flags: [(&str, Option<toml::Value>); N]) -> Vec<Assignment> {
+    let given = flags.into_iter().filter_map(|(key, value)| Some(Assignment::Value(key.into(), value?)));
+    given.collect()
 }
 
 /// Settles the devices and compiles the robot of a training. All that can be known to be wrong is refused here, before
@@ -117,14 +115,14 @@ pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_l
     // Threads are a matter of this machine, not of the one that trained.
     config.env.threads = arguments.threads();
     arguments.room.lay_over(&mut config.env);
-    if let Some(backend) = &arguments.backend {
-        config.env.backend = BackendKind::parse(backend)?;
+    if let Some(backend) = arguments.backend {
+        config.env.backend = backend.get();
     }
-    if let Some(precision) = &arguments.precision {
-        config.evaluation.precision = Precision::parse(precision)?;
+    if let Some(precision) = arguments.precision {
+        config.evaluation.precision = precision.get();
     }
-    if let Some(device) = &arguments.device {
-        config.evaluation.device = Device::parse(device)?;
+    if let Some(device) = arguments.device {
+        config.evaluation.device = device.get();
     }
     config.evaluation.device = warp::resolve(config.evaluation.device)?;
     Ok(())

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use dappo_learn::config::{Assignment, Config, change};
+use dappo_learn::config::{Config, change};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::{Resumption, train};
@@ -17,7 +17,7 @@ use super::progress::Display;
 use super::{Caller, INTERRUPTED, settings};
 use crate::cli::console::{note, print_line};
 use crate::errors::{Kind, OrRaise, raise};
-use crate::factory::TableFactory;
+use crate::factory::{TableFactory, mujoco_version};
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
 
@@ -84,21 +84,18 @@ fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(Loc
     let robot = if is_kept { None } else { Some(robot.to_keep(py)?) };
     let (_, stored) = RunFolder::open(run.root()).or_raise()?;
     let ConfigArgs { total_steps, room, threads, learner, set, .. } = &arguments.config;
-    let number = |key: &str, number: u64| Assignment::Value(key.into(), toml::Value::Integer(number as i64));
-    let steps = total_steps.map(|steps| number("total_steps", steps.wide()));
-    let njmax = room.njmax.map(|room| number("env.njmax", room.wide()));
-    let nconmax = room.nconmax.map(|room| number("env.nconmax", room.wide()));
-    let threads = threads.map(|threads| number("env.threads", threads.wide()));
-    let learner =
-        learner.as_ref().map(|device| Assignment::Value("ppo.device".into(), device.to_string().into()));
+    let of_run = settings::flags([
+        ("total_steps", total_steps.map(|steps| steps.get().into())),
+        ("env.njmax", room.njmax.map(|room| room.get().into())),
+        ("env.nconmax", room.nconmax.map(|room| room.get().into())),
+    ]);
+    let of_machine = settings::flags([
+        ("env.threads", threads.map(|threads| threads.get().into())),
+        ("ppo.device", learner.as_deref().map(Into::into)),
+    ]);
     // As in a new run, an explicit `--set` wins over the flags.
-    let changed_by = |flags: &[&Option<Assignment>]| {
-        let flags = flags.iter().copied().flatten();
-        let assignments: Vec<Assignment> = flags.chain(set).cloned().collect();
-        change(&stored, &assignments).or_raise()
-    };
-    let changed = changed_by(&[&steps, &njmax, &nconmax])?;
-    let mut config = changed_by(&[&steps, &njmax, &nconmax, &threads, &learner])?;
+    let changed = change(&stored, &[&of_run[..], set].concat()).or_raise()?;
+    let mut config = change(&stored, &[&of_run[..], &of_machine, set].concat()).or_raise()?;
     config.robot_file = simulated.robot_file;
     Ok((run, Resumption { config: changed, robot }, config))
 }
@@ -119,7 +116,7 @@ fn create(
         .unwrap_or_else(|| PathBuf::from("runs").join(format!("{robot}-{}-{seconds}", config.seed)));
     let meta = Meta {
         version: env!("CARGO_PKG_VERSION").into(),
-        mujoco: py.import("mujoco")?.getattr("__version__")?.extract()?,
+        mujoco: mujoco_version(py)?,
         simulator: factory.simulator(factory.training_physics()),
         reward: factory.reward_name(config),
         threads,

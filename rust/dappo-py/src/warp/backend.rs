@@ -2,7 +2,7 @@
 
 use dappo_sim::backend::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class};
 use dappo_sim::terms::Task;
-use dappo_sim::{SimError, WarpDevice};
+use dappo_sim::{Physics, SimError, WarpDevice};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -12,6 +12,7 @@ use super::{Handle, Room, devices, undisturbed};
 /// A `Stepper` of `kernels/stepper.py`.
 pub struct WarpBackend {
     stepper: Handle,
+    device: WarpDevice,
     task: Task,
     num_classes: usize,
     classes: Vec<usize>,
@@ -50,7 +51,7 @@ impl WarpBackend {
             let row = stepper.getattr("row_length")?.extract()?;
             Ok((Handle::new(stepper), row))
         })?;
-        Ok(Self { stepper, task, num_classes, classes: vec![0; num_envs], row })
+        Ok(Self { stepper, device, task, num_classes, classes: vec![0; num_envs], row })
     }
 
     /// Writes the observations of all envs but those to skip.
@@ -68,12 +69,8 @@ impl WarpBackend {
 }
 
 impl Backend for WarpBackend {
-    fn name(&self) -> &'static str {
-        "warp"
-    }
-
-    fn precision(&self) -> &'static str {
-        "f32"
+    fn physics(&self) -> Physics {
+        Physics::Warp(self.device)
     }
 
     fn num_envs(&self) -> usize {

@@ -96,11 +96,8 @@ pub struct StepOutputs<'a> {
 
 /// The physics of N envs, computed in the [thread pool](crate::ThreadPool) that it is called in.
 pub trait Backend: Send + Sync {
-    /// Name used in configs, results and error messages.
-    fn name(&self) -> &'static str;
-
-    /// Floating-point format of the physics, `f32` or `f64`.
-    fn precision(&self) -> &'static str;
+    /// What simulates, with its names.
+    fn physics(&self) -> Physics;
 
     /// Number of envs.
     fn num_envs(&self) -> usize;

@@ -54,9 +54,6 @@ pub enum Device {
 }
 
 impl BackendKind {
-    /// The names of all kinds.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
     /// Reads a name.
     pub fn parse(text: &str) -> Result<Self, SimError> {
         choose("backend", text)
@@ -86,9 +83,6 @@ impl BackendKind {
 }
 
 impl Precision {
-    /// The names of all formats.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
     /// Reads a name.
     pub fn parse(text: &str) -> Result<Self, SimError> {
         choose("precision", text)
@@ -102,9 +96,6 @@ impl Precision {
 }
 
 impl Device {
-    /// The names of all devices.
-    pub const NAMES: &'static [&'static str] = Self::VARIANTS;
-
     /// Reads a name.
     pub fn parse(text: &str) -> Result<Self, SimError> {
         choose("device", text)

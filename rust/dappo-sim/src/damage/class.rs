@@ -23,7 +23,7 @@ pub struct DamageClass {
 }
 
 impl DamageClass {
-    /// The damage code: one bit for every (limb, type), length limbs × types.
+    /// The damage code, `[limbs · types]`: 1 for every (limb, type) that is damaged, 0 for the others.
     #[must_use]
     pub fn code(&self, limbs: usize, types: usize) -> Vec<f32> {
         let mut code = vec![0.0; limbs * types];

@@ -1,9 +1,9 @@
 //! The vector env over a backend without physics, so that every number it returns is known.
 
-use crate::counter::{CODE, Counter, ROW};
+use crate::counter::{CODE, Counter, ROBOT, ROW};
 use dappo_sim::curriculum::{ClassDistribution, ClassMix, Strata};
 use dappo_sim::vector_env::{Onset, ResetOptions};
-use dappo_sim::{Autoreset, DamageSpace, SimError, VectorEnv, VectorEnvConfig};
+use dappo_sim::{Autoreset, DamageSpace, Robot, SimError, VectorEnv, VectorEnvConfig};
 
 fn space() -> DamageSpace {
     DamageSpace::new(4, vec!["jammed_joint".into(), "missing_toe".into()], 2).unwrap()
@@ -20,8 +20,12 @@ fn config(envs: usize, autoreset: Autoreset) -> VectorEnvConfig {
     }
 }
 
+fn counter(envs: usize, table: usize) -> Box<Counter> {
+    Box::new(Counter::new(&Robot::from_toml(ROBOT).unwrap(), envs, table))
+}
+
 fn make(config: VectorEnvConfig) -> Result<VectorEnv, SimError> {
-    VectorEnv::new(Box::new(Counter::new(config.keys.len(), 33)), &space(), config)
+    VectorEnv::new(counter(config.keys.len(), 33), &space(), config)
 }
 
 fn started(config: VectorEnvConfig) -> VectorEnv {
@@ -320,9 +324,9 @@ fn impossible_settings_are_refused() {
     assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order and below 2^63");
     let steps = VectorEnvConfig { max_episode_steps: 0, ..base() };
     assert_eq!(refused(steps), "max_episode_steps must be at least 1, got 0");
-    let keys = VectorEnv::new(Box::new(Counter::new(3, 33)), &space(), base()).err().unwrap();
+    let keys = VectorEnv::new(counter(3, 33), &space(), base()).err().unwrap();
     assert_eq!(keys.to_string(), "keys has 2 entries, expected 3");
-    let table = VectorEnv::new(Box::new(Counter::new(2, 32)), &space(), base()).err().unwrap();
+    let table = VectorEnv::new(counter(2, 32), &space(), base()).err().unwrap();
     assert_eq!(table.to_string(), "class table has 32 entries, expected 33");
 }
 

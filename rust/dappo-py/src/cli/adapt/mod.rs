@@ -5,22 +5,21 @@ mod show;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_diagnose::adapt::{AdaptationSummary, Contest, trace};
-use dappo_diagnose::controller::ControllerConfig;
+use dappo_diagnose::controller::{ControllerConfig, Parts};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::files::write_given;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Kept, KnownClasses, Trial, onset_at};
-use dappo_learn::{LearnError, Result};
+use dappo_learn::{LearnError, Result, RunPolicy};
 use dappo_nn::Policy;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use super::args::AdaptArgs;
 use super::film::{self, Film, Walker};
-use super::{Caller, INTERRUPTED, policy, settings};
-use crate::controller::Parts;
-use crate::errors::{OrRaise, from_learn};
+use super::{Caller, INTERRUPTED, settings};
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
@@ -88,11 +87,9 @@ impl Scene {
         let config = config.with(&arguments.set).or_raise()?;
         let real = TableFactory::compile(py, &config)?;
         if known.robot().name != real.robot().name {
-            return Err(from_learn(&LearnError::Invalid(format!(
-                "--set makes the robot `{}`, but the policy controls `{}`",
-                real.robot().name,
-                known.robot().name
-            ))));
+            let (real, known) = (&real.robot().name, &known.robot().name);
+            let message = format!("--set makes the robot `{real}`, but the policy controls `{known}`");
+            return Err(raise(Kind::Config, message));
         }
         let classes = KnownClasses::new(known.space(), real.space());
         Ok(Self { folder, config, parts, unaware, known, real, classes })
@@ -135,7 +132,7 @@ impl Scene {
     }
 
     fn load_unaware(&self, run: &OpenRun) -> Result<Policy> {
-        let policy = policy::load(&run.folder, &run.config, &self.known)?.policy;
+        let policy = RunPolicy::newest(&run.folder, &run.config, &self.known)?.policy;
         if policy.code_length() > 0 {
             return Err(LearnError::Invalid(format!(
                 "the policy in {} observes the damage; --unaware takes one that was trained with --unaware",
@@ -149,10 +146,7 @@ impl Scene {
     fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, contest: &Contest) -> Result<AdaptationSummary> {
         let summary = AdaptationSummary::new(trial, &self.classes, contest)?;
         if arguments.all_classes {
-            self.folder.write_evaluation("adapt.csv", &summary.csv())?;
-            let text = serde_json::to_string_pretty(&summary)
-                .map_err(|error| LearnError::Invalid(error.to_string()))?;
-            self.folder.write_evaluation("adapt.json", &text)?;
+            summary.write(&self.folder)?;
         }
         if let (Some(path), Some(episode)) = (&arguments.log, contest.adapted.episodes.first()) {
             write_given(path, trace(episode, &self.classes).as_bytes())?;

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_diagnose::controller::ControllerConfig;
+use dappo_diagnose::controller::{ControllerConfig, Parts, Trigger};
 use dappo_learn::config::Assignment;
 use pyo3::prelude::*;
 
-use super::{OneOf, Triggers};
-use crate::controller::{self, Parts};
+use super::OneOf;
+use crate::controller;
 use crate::keywords::arguments;
 use crate::run_robot::OpenRun;
 
@@ -32,7 +32,7 @@ arguments! {
         pub expert: Option<PathBuf>,
         /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
         #[arg(long, default_value = "residual", requires = "diagnoser")]
-        pub trigger: OneOf<Triggers>,
+        pub trigger: OneOf<Trigger>,
         /// Other settings of the controller, for example cooldown=100
         #[arg(long, value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
         pub controller: Vec<Assignment>,
@@ -54,7 +54,7 @@ impl ControllerArgs {
 impl DiagnosisArgs {
     /// The parts of a controller with a diagnoser, beside the policy of a run.
     pub fn parts(&self, py: Python<'_>, run: &OpenRun, diagnoser: &Path) -> PyResult<Parts> {
-        Parts::open(py, run, self.expert.as_deref(), diagnoser)
+        controller::open_parts(py, run, self.expert.as_deref(), diagnoser)
     }
 
     /// The settings of the controller.

@@ -3,12 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use dappo_diagnose::Span;
+use dappo_diagnose::{Head, Method, Preset, Span, TwinAction};
 use dappo_learn::config::Assignment;
 
-use super::{
-    AtLeast, Count, Heads, Methods, OneOf, Presets, RobotArgs, SimulationArgs, Threads, TwinActions, Whole,
-};
+use super::{AtLeast, Count, OneOf, RobotArgs, SimulationArgs, Threads, Whole};
 use crate::keywords::arguments;
 
 /// Arguments of `diagnose`.
@@ -51,7 +49,7 @@ arguments! {
         /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
         /// twin that is put beside the robot before every step (residual)
         #[arg(long, default_value = "paper")]
-        pub preset: OneOf<Presets>,
+        pub preset: OneOf<Preset>,
         /// Steps of healthy walk before the damage, instead of the preset's
         #[arg(long, value_name = "FIRST-LAST")]
         pub onset: Option<Span>,
@@ -63,7 +61,7 @@ arguments! {
         pub walker: Option<PathBuf>,
         /// Whose actions the twin takes, its own or the damaged robot's, instead of the preset's
         #[arg(long)]
-        pub twin_action: Option<OneOf<TwinActions>>,
+        pub twin_action: Option<OneOf<TwinAction>>,
         /// Steps after which the twin is put beside the robot again, 0 for never, instead of the preset's
         #[arg(long, value_name = "STEPS", allow_negative_numbers = true)]
         pub resync: Option<Whole<0, { u32::MAX as i64 }>>,
@@ -100,7 +98,7 @@ arguments! {
         /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
         /// [default: B]
         #[arg(long)]
-        pub method: Option<OneOf<Methods>>,
+        pub method: Option<OneOf<Method>>,
         /// Steps that it sees [default: all of the data]
         #[arg(long, value_name = "T", allow_negative_numbers = true)]
         pub timesteps: Option<Count<1>>,
@@ -112,7 +110,7 @@ arguments! {
         pub seed: Option<AtLeast<0>>,
         /// One output a damage class (classes), or one a limb and damage type (limbs)
         #[arg(long)]
-        pub head: Option<OneOf<Heads>>,
+        pub head: Option<OneOf<Head>>,
         /// Damage classes that are never trained on, comma separated names or ids
         #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
         pub held_out: Vec<String>,
@@ -175,7 +173,7 @@ pub struct SweepArgs {
     pub timesteps: Vec<Count<1>>,
     /// What the networks see
     #[arg(long, value_delimiter = ',', default_value = "A,B")]
-    pub methods: Vec<OneOf<Methods>>,
+    pub methods: Vec<OneOf<Method>>,
     /// Numbers of rollouts
     #[arg(long, value_delimiter = ',', default_value = "1000,2000,7000")]
     pub rollouts: Vec<Count<2>>,

@@ -1,17 +1,12 @@
 //! What values of arguments can be: read from a word of a command line, and checked alike in keywords of Python.
 
 use std::fmt;
-use std::marker::PhantomData;
 use std::ops::Deref;
 use std::str::FromStr;
 
-use clap::builder::{MapValueParser, PossibleValuesParser, TypedValueParser, ValueParserFactory};
-use dappo_diagnose::controller::Trigger;
-use dappo_diagnose::{Method, Preset};
+use clap::builder::{PossibleValuesParser, TryMapValueParser, TypedValueParser, ValueParserFactory};
 use dappo_learn::config::MOST_THREADS;
-use dappo_learn::walk::Encoding;
-use dappo_nn::LearnerDevice;
-use dappo_sim::{BackendKind, Device, Precision};
+use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// A whole number between two bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,90 +65,52 @@ impl<const MIN: i64, const MAX: i64> fmt::Display for Whole<MIN, MAX> {
     }
 }
 
-/// Names that an argument chooses from.
-pub trait Names: fmt::Debug + Clone + Send + Sync + 'static {
-    /// All of them.
-    fn names() -> Vec<&'static str>;
-}
+/// A value of an enum, chosen by its name. As text it is that name, which is how settings take it.
+#[derive(Debug, Clone, Copy)]
+pub struct OneOf<T>(T);
 
-/// One of the names of `N`.
-#[derive(Debug, Clone)]
-pub struct OneOf<N>(String, PhantomData<N>);
+/// Enums whose values have names.
+pub trait Named: FromStr + VariantNames + Copy + Into<&'static str> + Send + Sync + 'static {}
 
-impl<N: Names> OneOf<N> {
-    /// A name that is one of them.
-    pub fn known(name: String) -> Self {
-        Self(name, PhantomData)
+impl<T: FromStr + VariantNames + Copy + Into<&'static str> + Send + Sync + 'static> Named for T {}
+
+impl<T: Named> OneOf<T> {
+    /// The value.
+    pub fn get(self) -> T {
+        self.0
     }
 }
 
-impl<N> Deref for OneOf<N> {
+impl<T: Named> Deref for OneOf<T> {
     type Target = str;
 
     fn deref(&self) -> &str {
-        &self.0
+        self.0.into()
     }
 }
 
-impl<N: Names> FromStr for OneOf<N> {
+impl<T: Named> FromStr for OneOf<T> {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let names = N::names();
-        if names.contains(&name) {
-            Ok(Self::known(name.to_owned()))
-        } else {
-            Err(format!("expected one of {}", names.join(", ")))
-        }
+        name.parse().map(Self).map_err(|_| format!("expected one of {}", T::VARIANTS.join(", ")))
     }
 }
 
-impl<N: Names> ValueParserFactory for OneOf<N> {
-    type Parser = MapValueParser<PossibleValuesParser, fn(String) -> Self>;
+impl<T: Named> ValueParserFactory for OneOf<T> {
+    type Parser = TryMapValueParser<PossibleValuesParser, fn(String) -> Result<Self, String>>;
 
     fn value_parser() -> Self::Parser {
-        PossibleValuesParser::new(N::names()).map(Self::known)
+        PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse())
     }
 }
 
-/// Defines kinds of names.
-macro_rules! names {
-    ($($(#[$meta:meta])* $kind:ident: $names:expr;)*) => {
-        $(
-            $(#[$meta])*
-            #[derive(Debug, Clone)]
-            pub struct $kind;
-
-            impl Names for $kind {
-                fn names() -> Vec<&'static str> {
-                    $names.to_vec()
-                }
-            }
-        )*
-    };
-}
-
-names! {
-    /// Where to simulate.
-    Devices: Device::NAMES;
-    /// Physics backends on the CPU.
-    Backends: BackendKind::NAMES;
-    /// Precisions of the backend `lanes`.
-    Precisions: Precision::NAMES;
-    /// Integrators that a robot can be simulated with instead of its own.
-    Integrators: ["rk4", "euler"];
-    /// Where to compute the networks.
-    Learners: LearnerDevice::NAMES;
-    /// What policies are told.
-    Encodings: Encoding::NAMES;
-    /// What raises suspicion.
-    Triggers: Trigger::NAMES;
-    /// Ways to make pairs.
-    Presets: Preset::NAMES;
-    /// Whose actions a twin takes.
-    TwinActions: ["own", "shared"];
-    /// What a diagnoser sees.
-    Methods: Method::NAMES;
-    /// Outputs of a diagnoser.
-    Heads: ["classes", "limbs"];
+/// Integrators that a robot can be simulated with instead of its own.
+#[derive(Debug, Clone, Copy, EnumString, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "lowercase")]
+pub enum Integrator {
+    /// Runge-Kutta of fourth order.
+    Rk4,
+    /// Semi-implicit Euler.
+    Euler,
 }

@@ -13,6 +13,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use dappo_learn::config::{Assignment, EnvSection};
 use dappo_learn::walk::Encoding;
+use dappo_nn::LearnerDevice;
+use dappo_sim::{BackendKind, Device, Precision};
 
 pub use adapt::AdaptArgs;
 pub use controller::ControllerArgs;
@@ -20,10 +22,7 @@ pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
 pub use export::ExportArgs;
-pub use kinds::{
-    AtLeast, Backends, Count, Devices, Encodings, Heads, Integrators, Learners, Methods, Names, OneOf,
-    Precisions, Presets, Threads, Triggers, TwinActions, Whole,
-};
+pub use kinds::{AtLeast, Count, Integrator, Named, OneOf, Threads, Whole};
 pub use render::{RenderArgs, ViewArgs, WalkArgs};
 pub use tools::{BenchArgs, DoctorArgs, GridArgs, ReportArgs};
 
@@ -90,19 +89,19 @@ arguments! {
         pub seed: Option<AtLeast<0>>,
         /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
         #[arg(long)]
-        pub device: Option<OneOf<Devices>>,
+        pub device: Option<OneOf<Device>>,
         /// Physics backend on the CPU
         #[arg(long)]
-        pub backend: Option<OneOf<Backends>>,
+        pub backend: Option<OneOf<BackendKind>>,
         /// Precision of the backend lanes
         #[arg(long)]
-        pub precision: Option<OneOf<Precisions>>,
+        pub precision: Option<OneOf<Precision>>,
         /// Room for contacts and constraints on a GPU.
         #[command(flatten)]
         pub room: RoomArgs,
         /// Where to compute the networks; wgpu needs a build with that feature
         #[arg(long)]
-        pub learner: Option<OneOf<Learners>>,
+        pub learner: Option<OneOf<LearnerDevice>>,
         /// Worker threads [default: all cores]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
         pub threads: Option<Threads>,
@@ -117,7 +116,7 @@ arguments! {
         pub reward: Option<String>,
         /// Integrator, if not the robot's own; euler is faster and another physics
         #[arg(long)]
-        pub physics: Option<OneOf<Integrators>>,
+        pub physics: Option<OneOf<Integrator>>,
         /// Any other setting, for example ppo.gamma=0.99 (see `dappo-batch config`)
         #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
         pub set: Vec<Assignment>,
@@ -159,13 +158,13 @@ arguments! {
     pub struct SimulationArgs {
         /// Where to simulate [default: the run's for evaluations, cpu]
         #[arg(long)]
-        pub device: Option<OneOf<Devices>>,
+        pub device: Option<OneOf<Device>>,
         /// Physics backend on the CPU [default: the run's]
         #[arg(long)]
-        pub backend: Option<OneOf<Backends>>,
+        pub backend: Option<OneOf<BackendKind>>,
         /// Precision of the backend lanes [default: the run's for evaluations, f64]
         #[arg(long)]
-        pub precision: Option<OneOf<Precisions>>,
+        pub precision: Option<OneOf<Precision>>,
         /// Room for contacts and constraints on a GPU.
         #[command(flatten)]
         pub room: RoomArgs,
@@ -213,7 +212,7 @@ arguments! {
         pub compare: Vec<PathBuf>,
         /// What the policies of RUN are told: the truth, that nothing is damaged, another damage, or noise
         #[arg(long, default_value = Encoding::True.name())]
-        pub encoding: OneOf<Encodings>,
+        pub encoding: OneOf<Encoding>,
         /// Episodes a damage class [default: the run's]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
         pub episodes: Option<Count<1>>,

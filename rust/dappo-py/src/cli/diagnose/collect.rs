@@ -5,21 +5,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use dappo_diagnose::collect::{CollectConfig, CollectObserver, RunPolicy, check_twins, collect};
-use dappo_diagnose::dataset::{DatasetHeader, PolicyId, Shard};
-use dappo_diagnose::{Preset, TwinAction};
+use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
+use dappo_diagnose::dataset::{DatasetHeader, Shard};
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
-use dappo_learn::run_folder::RunFolder;
-use dappo_learn::{LearnError, Result};
+use dappo_learn::{FileKind, Result, RunPolicy};
 use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::CollectArgs;
 use crate::cli::console::{note, print_line};
-use crate::cli::policy::{self, LoadedPolicy};
 use crate::cli::progress::bar;
 use crate::cli::{Caller, INTERRUPTED, settings};
 use crate::errors::OrRaise;
@@ -37,8 +34,8 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
     let (expert, walker) = pool.run(py, || -> Result<_> {
-        let expert = run_policy(&folder, &config, &factory)?;
-        let walker = walker.map(|run| run_policy(&run.folder, &run.config, &factory)).transpose()?;
+        let expert = RunPolicy::trained(&folder, &config, &factory)?;
+        let walker = walker.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
         check_twins(&wanted, &factory)?;
         Ok((expert, walker))
     })?;
@@ -76,19 +73,19 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
 }
 
 fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
-    let mut preset = Preset::named(&arguments.preset)?;
-    preset.timing.onset = arguments.onset.unwrap_or(preset.timing.onset);
-    preset.timing.delay = arguments.delay.unwrap_or(preset.timing.delay);
-    preset.timing.check()?;
-    if let Some(action) = &arguments.twin_action {
-        preset.twin.action = if &**action == "shared" { TwinAction::Shared } else { TwinAction::Own };
+    let mut protocol = arguments.preset.get().protocol();
+    protocol.timing.onset = arguments.onset.unwrap_or(protocol.timing.onset);
+    protocol.timing.delay = arguments.delay.unwrap_or(protocol.timing.delay);
+    protocol.timing.check()?;
+    if let Some(action) = arguments.twin_action {
+        protocol.twin.action = action.get();
     }
-    preset.twin.resync = arguments.resync.map_or(preset.twin.resync, |steps| steps.get() as u32);
+    protocol.twin.resync = arguments.resync.map_or(protocol.twin.resync, |steps| steps.get() as u32);
     Ok(CollectConfig {
         rollouts: arguments.rollouts.count(),
         timesteps: arguments.timesteps.count(),
         seed: arguments.seed.wide(),
-        preset,
+        protocol,
         shard: Shard::parse(&arguments.shard)?,
         severity: config.damage.severity,
     })
@@ -106,12 +103,6 @@ fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> 
     }
 }
 
-fn run_policy(folder: &RunFolder, config: &Config, factory: &TableFactory) -> Result<RunPolicy> {
-    let LoadedPolicy { policy, env_steps, fingerprint } = policy::load_trained(folder, config, factory)?;
-    let run = folder.root().display().to_string();
-    Ok(RunPolicy { policy, id: PolicyId { run, fingerprint, env_steps } })
-}
-
 fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFactory) -> String {
     format!(
         "{} · {} rollouts × {} classes × {} steps · preset {} · {} → {}",
@@ -119,7 +110,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
         wanted.shard.range(wanted.rollouts).len(),
         factory.space().classes().len(),
         wanted.timesteps,
-        wanted.preset.name(),
+        wanted.protocol.name(),
         factory.describe(factory.evaluation_physics()),
         arguments.out.display()
     )
@@ -153,14 +144,14 @@ impl CollectObserver for Display {
         self.begun = Some((missing, Instant::now()));
         let Some(free) = free_space(&self.out).filter(|&free| free < bytes) else { return Ok(()) };
         let gigabytes = |bytes: u64| bytes as f64 / 1e9;
-        Err(LearnError::Dataset {
-            path: self.out.clone(),
-            message: format!(
+        Err(FileKind::Dataset.unusable(
+            &self.out,
+            format!(
                 "{missing} rollouts take {:.1} GB, but only {:.1} GB are free; make room, choose another disk, or collect fewer",
                 gigabytes(bytes),
                 gigabytes(free)
             ),
-        })
+        ))
     }
 
     fn collected(&mut self, done: usize, total: usize) {

@@ -5,8 +5,6 @@ mod sweep;
 mod test;
 mod train;
 
-use dappo_diagnose::DiagnoserConfig;
-use dappo_learn::config::{Assignment, Layers};
 use pyo3::prelude::*;
 
 use super::Caller;
@@ -19,12 +17,4 @@ pub fn run(py: Python<'_>, arguments: &DiagnoseArgs, caller: &Caller) -> PyResul
         DiagnoseCommand::Test(arguments) => test::run(py, arguments, caller),
         DiagnoseCommand::Sweep(arguments) => sweep::run(py, arguments, caller),
     }
-}
-
-/// The settings of a training: defaults, then flags, then `--set`.
-fn settings(mut layers: Layers, set: &[Assignment]) -> dappo_learn::Result<DiagnoserConfig> {
-    layers.assign(set)?;
-    let config: DiagnoserConfig = layers.typed()?;
-    config.check()?;
-    Ok(config)
 }

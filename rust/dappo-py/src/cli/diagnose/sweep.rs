@@ -6,19 +6,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum;
-use dappo_diagnose::Method;
+use dappo_diagnose::DiagnoserConfig;
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::sweep::{CellResult, Grid, SweepData, SweepObserver, Table, sweep};
 use dappo_learn::Result;
-use dappo_learn::config::Layers;
+use dappo_learn::evaluate::MeanVelocities;
 use dappo_learn::run_folder::RunFolder;
 use dappo_sim::threads::available;
 use pyo3::prelude::*;
 
-use super::settings;
-use crate::cli::args::{Command, DiagnoseCommand, SweepArgs, Threads};
+use crate::cli::args::{SweepArgs, Threads};
 use crate::cli::console::{note, print, print_line};
-use crate::cli::{self, Caller, INTERRUPTED, train};
+use crate::cli::{self, Caller, INTERRUPTED};
 use crate::errors::{Kind, OrRaise, raise};
 use crate::run_robot::RobotCopy;
 
@@ -26,36 +25,16 @@ use crate::run_robot::RobotCopy;
 const TEST_SEED: &str = "1000000";
 
 pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i32> {
-    let grid = grid(arguments).or_raise()?;
-    let base = settings(Layers::default(), &arguments.set).or_raise()?;
-    let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
+    let grid = grid(arguments);
+    let base = DiagnoserConfig::with(&arguments.set).or_raise()?;
     // Each part of the sweep keeps as many threads busy as the cells do.
     let jobs = arguments.jobs.map_or_else(available, Threads::count);
-    let mut commands = Vec::new();
-    let expert = arguments.expert.clone().unwrap_or_else(|| arguments.out.join("expert"));
-    if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps.wide()) {
-        commands.push(expert_command(arguments, &expert, jobs));
-    }
-    let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
-    let collect = |rollouts: String, seed: &str, out: &Path| {
-        let (steps, threads) = (most(&grid.timesteps), jobs.to_string());
-        let sizes =
-            ["--rollouts", &rollouts, "--timesteps", &steps, "--seed", seed, "--threads", &threads, "--out"];
-        let begin = [OsStr::new("diagnose"), OsStr::new("collect"), expert.as_os_str()];
-        let sizes = sizes.map(OsStr::new);
-        begin.into_iter().chain(sizes).chain([out.as_os_str()]).map(OsStr::to_owned).collect::<Vec<_>>()
-    };
-    commands.push(collect(most(&grid.rollouts), "0", &pairs));
-    commands.push(collect(arguments.test_rollouts.to_string(), TEST_SEED, &test));
-    let changed = arguments.changed.robot_changed.and_then(|changed| changed.to_possible_value());
-    for mut command in commands {
-        // A new training has no robot that could have changed.
-        if let Some(changed) = &changed
-            && !command.iter().any(|argument| argument == "--run")
-        {
-            command.extend(["--robot-changed".into(), changed.get_name().into()]);
-        }
-        let code = give(py, &command, caller)?;
+    let (pairs, test) = (arguments.out.join("pairs"), arguments.out.join("test"));
+    for command in commands(arguments, &grid, jobs, [&pairs, &test]) {
+        let words = cli::words(&command);
+        note!("{}", words.join(" "));
+        let parsed = cli::parse(&command).map_err(|error| raise(Kind::Config, error.to_string()))?;
+        let code = cli::run(py, &parsed.command, &words, caller)?;
         if code != 0 {
             return Ok(code);
         }
@@ -86,51 +65,60 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
     Ok(0)
 }
 
-fn grid(arguments: &SweepArgs) -> Result<Grid> {
-    Ok(Grid {
+fn grid(arguments: &SweepArgs) -> Grid {
+    Grid {
         timesteps: arguments.timesteps.iter().map(|steps| steps.count()).collect(),
-        methods: arguments.methods.iter().map(|name| Method::parse(name)).collect::<Result<_>>()?,
+        methods: arguments.methods.iter().map(|method| method.get()).collect(),
         rollouts: arguments.rollouts.iter().map(|rollouts| rollouts.count()).collect(),
         seeds: arguments.seeds.wide(),
         samples: arguments.samples.count(),
-    })
+    }
+}
+
+/// What comes before the cells: the training of the expert, unless there is one, and the two datasets.
+fn commands(
+    arguments: &SweepArgs,
+    grid: &Grid,
+    jobs: usize,
+    [pairs, test]: [&Path; 2],
+) -> Vec<Vec<OsString>> {
+    let words = |words: &[&dyn AsRef<OsStr>]| -> Vec<OsString> {
+        words.iter().map(|word| word.as_ref().to_owned()).collect()
+    };
+    let changed = arguments.changed.robot_changed.and_then(|changed| changed.to_possible_value());
+    let changed = changed.map_or_else(Vec::new, |changed| words(&[&"--robot-changed", &changed.get_name()]));
+    let jobs = jobs.to_string();
+    let expert = arguments.expert.clone().unwrap_or_else(|| arguments.out.join("expert"));
+    let mut commands = Vec::new();
+    if arguments.expert.is_none() && !is_trained(&expert, arguments.expert_steps.wide()) {
+        let mut train = if expert.join("config.toml").exists() {
+            [words(&[&"train", &"--resume", &expert]), changed.clone()].concat()
+        } else {
+            // A new training has no robot that could have changed.
+            let robot = arguments.robot.as_ref().map(|robot| words(&[&"--robot", robot]));
+            [words(&[&"train", &"--run", &expert, &"--healthy"]), robot.unwrap_or_default()].concat()
+        };
+        let steps = arguments.expert_steps.to_string();
+        train.extend(words(&[&"--steps", &steps, &"--threads", &jobs]));
+        commands.push(train);
+    }
+    let most = |numbers: &[usize]| numbers.iter().copied().max().unwrap_or(1).to_string();
+    let steps = most(&grid.timesteps);
+    let test_rollouts = arguments.test_rollouts.to_string();
+    for (out, rollouts, seed) in [(pairs, most(&grid.rollouts), "0"), (test, test_rollouts, TEST_SEED)] {
+        let mut collect = words(&[&"diagnose", &"collect", &expert, &"--out", &out]);
+        collect.extend(words(&[&"--rollouts", &rollouts, &"--timesteps", &steps]));
+        collect.extend(words(&[&"--seed", &seed, &"--threads", &jobs]));
+        commands.push([collect, changed.clone()].concat());
+    }
+    commands
 }
 
 /// Whether a training of at least so many env steps has come to its end, which is an evaluation.
 fn is_trained(run: &Path, steps: u64) -> bool {
-    let has_budget = RunFolder::open(run).is_ok_and(|(_, config)| config.total_steps >= steps);
-    has_budget && run.join("eval").join("per_class.csv").exists()
-}
-
-/// Trains the expert, or goes on with it.
-fn expert_command(arguments: &SweepArgs, expert: &Path, jobs: usize) -> Vec<OsString> {
-    let (expert_text, steps) = (expert.into(), arguments.expert_steps.to_string());
-    let mut command: Vec<OsString> = vec!["train".into()];
-    if expert.join("config.toml").exists() {
-        command.extend(["--resume".into(), expert_text]);
-    } else {
-        command.extend(["--run".into(), expert_text, "--healthy".into()]);
-        if let Some(robot) = &arguments.robot {
-            command.extend(["--robot".into(), robot.into()]);
-        }
-    }
-    command.extend(["--steps".into(), steps.into(), "--threads".into(), jobs.to_string().into()]);
-    command
-}
-
-/// Gives a command as a user would; returns its exit code.
-fn give(py: Python<'_>, command: &[OsString], caller: &Caller) -> PyResult<i32> {
-    let words = cli::words(command);
-    note!("{}", words.join(" "));
-    let cli = cli::parse(command).map_err(|error| raise(Kind::Config, error.to_string()))?;
-    match &cli.command {
-        Command::Train(arguments) => train::run(py, arguments, &words, caller),
-        Command::Diagnose(arguments) => match &arguments.command {
-            DiagnoseCommand::Collect(arguments) => super::collect::run(py, arguments, caller),
-            _ => Ok(0),
-        },
-        _ => Ok(0),
-    }
+    RunFolder::open(run).is_ok_and(|(run, config)| {
+        config.total_steps >= steps && MeanVelocities::read(&run).is_ok_and(|found| found.is_some())
+    })
 }
 
 /// Says which cells are done and passes Ctrl-C on.

@@ -1,58 +1,43 @@
 //! `dappo-batch diagnose test`.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
+use std::sync::atomic::Ordering;
 
-use dappo_diagnose::cost::{Cost, cost};
-use dappo_diagnose::dataset::Dataset;
-use dappo_diagnose::{Diagnoser, DiagnosisSummary, PairSource, Report, TrainingFolder};
-use dappo_learn::{LearnError, Result};
+use dappo_diagnose::DiagnosisSummary;
+use dappo_diagnose::evaluate::{Evaluated, Follower, evaluate};
+use dappo_learn::RunPolicy;
+use dappo_learn::config::Config;
 use dappo_nn::Policy;
 use pyo3::prelude::*;
-use serde_json::json;
 
 use crate::cli::args::{Count, TestDiagnoserArgs, Threads};
 use crate::cli::console::{Table, print_line};
-use crate::cli::{Caller, INTERRUPTED, policy};
+use crate::cli::{Caller, INTERRUPTED};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
 
-/// A diagnoser on a dataset.
-struct Tested {
-    model: String,
-    data: String,
-    summary: DiagnosisSummary,
-    report: Report,
-    cost: Option<Cost>,
-}
-
 pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> PyResult<i32> {
     let pool = Pool::new(arguments.threads.map(Threads::count))?;
-    let follower =
-        arguments.policy.as_deref().map(|run| Follower::open(py, &pool, run, arguments)).transpose()?;
+    let follower = arguments.policy.as_deref().map(|run| open_follower(py, &pool, run, arguments));
+    let follower = follower.transpose()?;
     check_robots(py, arguments)?;
     let interrupted = caller.watch()?;
-    let tested = pool.run(py, || test_all(arguments, follower.as_ref(), &interrupted))?;
-    let Some(tested) = tested else { return Ok(INTERRUPTED) };
+    let evaluated = pool.run(py, || {
+        let follower = follower.as_ref();
+        let follower = follower.map(|(policy, config, factory)| Follower { policy, config, factory });
+        let stop = || interrupted.load(Ordering::Relaxed);
+        evaluate(&arguments.models, &arguments.data, follower.as_ref(), &stop)
+    })?;
+    let Some(evaluated) = evaluated else { return Ok(INTERRUPTED) };
     if arguments.json {
-        let objects: Vec<_> = tested
-            .iter()
-            .map(|tested| {
-                json!({
-                    "model": tested.model, "data": tested.data, "summary": tested.summary, "cost": tested.cost,
-                    "classes": tested.report.class_names, "class_accuracy": tested.report.class_accuracy(),
-                })
-            })
-            .collect();
-        caller.object(&objects);
-    } else if let [only] = tested.as_slice() {
-        show_classes(&only.report);
+        caller.object(&evaluated);
+    } else if let [only] = evaluated.as_slice() {
+        show_classes(only);
         show_summary(only);
     } else {
-        tested.iter().for_each(show_summary);
-        show_cross_table(&tested, arguments.data.len());
+        evaluated.iter().for_each(show_summary);
+        show_cross_table(&evaluated, arguments.data.len());
     }
     Ok(0)
 }
@@ -70,105 +55,34 @@ fn check_robots(py: Python<'_>, arguments: &TestDiagnoserArgs) -> PyResult<()> {
     Ok(())
 }
 
-/// Every diagnoser on every dataset; `None` when it was interrupted.
-fn test_all(
+/// The policy that has the code of every diagnosis, and what evaluates it.
+fn open_follower(
+    py: Python<'_>,
+    pool: &Pool,
+    run: &Path,
     arguments: &TestDiagnoserArgs,
-    follower: Option<&Follower>,
-    interrupted: &Arc<AtomicBool>,
-) -> Result<Option<Vec<Tested>>> {
-    let open = |folder: &PathBuf| {
-        TrainingFolder::open(folder).and_then(|(folder, _)| Ok((Diagnoser::load(&folder.model())?, folder)))
-    };
-    // All are opened before the first one is tested: a mistake shows at once.
-    let models: Vec<_> = arguments.models.iter().map(open).collect::<Result<_>>()?;
-    let datasets: Vec<Dataset> =
-        arguments.data.iter().map(|data| Dataset::open(data)).collect::<Result<_>>()?;
-    let stop = || interrupted.load(Ordering::Relaxed);
-    let mut tested = Vec::new();
-    for (diagnoser, folder) in &models {
-        for (data, path) in datasets.iter().zip(&arguments.data) {
-            if stop() {
-                return Ok(None);
-            }
-            check_subject(diagnoser, data, folder, path)?;
-            let report = diagnoser.evaluate(data, &(0..data.rollouts()).collect::<Vec<_>>())?;
-            let cost = match follower {
-                None => None,
-                Some(follower) => match follower.cost(&report, &stop)? {
-                    None => return Ok(None),
-                    cost => cost,
-                },
-            };
-            let name =
-                path.file_name().map_or_else(|| "data".into(), |name| name.to_string_lossy().into_owned());
-            report.write(&folder.eval(), &name)?;
-            tested.push(Tested {
-                model: folder.root().display().to_string(),
-                data: path.display().to_string(),
-                summary: report.summary(),
-                report,
-                cost,
-            });
-        }
+) -> PyResult<(Policy, Config, TableFactory)> {
+    let run = OpenRun::open(py, run, arguments.robot.robot_changed)?;
+    for model in &arguments.models {
+        run.check_folder(py, model)?;
     }
-    Ok(Some(tested))
+    let OpenRun { folder, mut config, .. } = run;
+    config.env.threads = Some(pool.num_threads());
+    config.evaluation.episodes = arguments.episodes.map_or(config.evaluation.episodes, Count::count);
+    let factory = TableFactory::compile(py, &config)?;
+    let RunPolicy { policy, .. } = pool.run(py, || RunPolicy::newest(&folder, &config, &factory))?;
+    Ok((policy, config, factory))
 }
 
-fn check_subject(diagnoser: &Diagnoser, data: &Dataset, folder: &TrainingFolder, path: &Path) -> Result<()> {
-    if diagnoser.description().subject == data.header().subject {
-        return Ok(());
-    }
-    Err(LearnError::Invalid(format!(
-        "the diagnoser in {} knows {} damage classes of robot `{}`, the records in {} are of {} classes of `{}`; \
-         they must be the same",
-        folder.root().display(),
-        diagnoser.description().subject.classes(),
-        diagnoser.description().subject.robot,
-        path.display(),
-        data.header().subject.classes(),
-        data.header().subject.robot
-    )))
-}
-
-/// The policy that believes a diagnosis.
-struct Follower {
-    policy: Policy,
-    config: dappo_learn::config::Config,
-    factory: TableFactory,
-}
-
-impl Follower {
-    fn open(py: Python<'_>, pool: &Pool, run: &Path, arguments: &TestDiagnoserArgs) -> PyResult<Self> {
-        let run = OpenRun::open(py, run, arguments.robot.robot_changed)?;
-        for model in &arguments.models {
-            run.check_folder(py, model)?;
-        }
-        let OpenRun { folder, mut config, .. } = run;
-        config.env.threads = Some(pool.num_threads());
-        config.evaluation.episodes = arguments.episodes.map_or(config.evaluation.episodes, Count::count);
-        let factory = TableFactory::compile(py, &config)?;
-        let loaded = pool.run(py, || policy::load(&folder, &config, &factory))?;
-        Ok(Self { policy: loaded.policy, config, factory })
-    }
-
-    fn cost(&self, report: &Report, stop: &dyn Fn() -> bool) -> Result<Option<Cost>> {
-        cost(report, &self.policy, &self.config, &self.factory, stop)
-    }
-}
-
-fn show_classes(report: &Report) {
+fn show_classes(evaluated: &Evaluated) {
     let mut table = Table::new(&["accuracy %", "<class"]);
-    for (name, accuracy) in report.class_names.iter().zip(report.class_accuracy()) {
-        table.row([percent(accuracy), name.clone()]);
+    for (name, accuracy) in evaluated.classes.iter().zip(&evaluated.class_accuracy) {
+        table.row([format!("{:.2}", 100.0 * accuracy), name.clone()]);
     }
     table.print();
 }
 
-fn percent(share: f64) -> String {
-    format!("{:.2}", 100.0 * share)
-}
-
-fn show_summary(tested: &Tested) {
+fn show_summary(evaluated: &Evaluated) {
     let DiagnosisSummary {
         rollouts,
         windows,
@@ -177,10 +91,10 @@ fn show_summary(tested: &Tested) {
         held_out_accuracy,
         calibration_error,
         ..
-    } = tested.summary;
+    } = evaluated.summary;
     let error =
         if standard_error.is_nan() { String::new() } else { format!(" ± {:.2}", 100.0 * standard_error) };
-    print_line!("{} on {}", tested.model, tested.data);
+    print_line!("{} on {}", evaluated.model, evaluated.data);
     print_line!(
         "  accuracy {:.2}{error} % of {windows} windows, {rollouts} rollouts; calibration error {:.2} %",
         100.0 * accuracy,
@@ -189,7 +103,7 @@ fn show_summary(tested: &Tested) {
     if let Some(accuracy) = held_out_accuracy {
         print_line!("  on classes that it was not trained on: {:.2} %", 100.0 * accuracy);
     }
-    if let Some(cost) = &tested.cost {
+    if let Some(cost) = &evaluated.cost {
         print_line!(
             "  forward reward of the policy: {:.1} told the truth, {:.1} told the diagnosis: gait-equivalent accuracy {:.2} %",
             cost.true_reward,
@@ -210,13 +124,13 @@ fn show_summary(tested: &Tested) {
 }
 
 /// Accuracies in per cent: a row a diagnoser, a column a dataset.
-fn show_cross_table(tested: &[Tested], datasets: usize) {
+fn show_cross_table(evaluated: &[Evaluated], datasets: usize) {
     print_line!("accuracy %");
-    for row in tested.chunks(datasets) {
+    for row in evaluated.chunks(datasets) {
         let cells: Vec<String> =
-            row.iter().map(|tested| format!("{:>8.2}", 100.0 * tested.summary.accuracy)).collect();
+            row.iter().map(|evaluated| format!("{:>8.2}", 100.0 * evaluated.summary.accuracy)).collect();
         print_line!("{}  {}", cells.concat(), row[0].model);
     }
-    let names: Vec<&str> = tested[..datasets].iter().map(|tested| tested.data.as_str()).collect();
+    let names: Vec<&str> = evaluated[..datasets].iter().map(|evaluated| evaluated.data.as_str()).collect();
     print_line!("columns: {}", names.join(", "));
 }

@@ -6,16 +6,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
 use dappo_diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, TrainingFolder};
-use dappo_learn::config::Layers;
 use dappo_learn::robot_files::keep;
 use dappo_learn::{LearnError, Result};
 use indicatif::ProgressBar;
 use pyo3::prelude::*;
 
-use super::settings;
-use crate::cli::args::{AtLeast, Count, Threads, TrainDiagnoserArgs};
+use crate::cli::args::{Count, Threads, TrainDiagnoserArgs};
 use crate::cli::console::{note, print_line};
 use crate::cli::progress::bar;
+use crate::cli::settings::flags;
 use crate::cli::{Caller, INTERRUPTED};
 use crate::errors::OrRaise;
 use crate::pool::Pool;
@@ -79,26 +78,19 @@ fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(LockedTrainin
         let (folder, config) = TrainingFolder::open(folder)?;
         return Ok((folder.lock()?, config));
     }
-    let mut layers = Layers::default();
-    layers.set("timesteps", arguments.timesteps.map_or(data.timesteps() as i64, Count::get))?;
-    for (key, value) in
-        [("rollouts", arguments.rollouts.map(Count::get)), ("seed", arguments.seed.map(AtLeast::get))]
-    {
-        if let Some(value) = value {
-            layers.set(key, value)?;
-        }
-    }
-    for (key, value) in [("method", arguments.method.as_deref()), ("head", arguments.head.as_deref())] {
-        if let Some(value) = value {
-            layers.set(key, value)?;
-        }
-    }
     let subject = &data.header().subject;
-    if !arguments.held_out.is_empty() {
-        let class = |name: &String| subject.class(name).map(|class| toml::Value::from(class as i64));
-        layers.set("held_out", arguments.held_out.iter().map(class).collect::<Result<Vec<_>>>()?)?;
-    }
-    let config = settings(layers, &arguments.set)?;
+    let class = |name: &String| subject.class(name).map(|class| toml::Value::from(class as i64));
+    let held_out: Vec<_> = arguments.held_out.iter().map(class).collect::<Result<_>>()?;
+    let mut settings = flags([
+        ("timesteps", Some(arguments.timesteps.map_or(data.timesteps() as i64, Count::get).into())),
+        ("rollouts", arguments.rollouts.map(|rollouts| rollouts.get().into())),
+        ("seed", arguments.seed.map(|seed| seed.get().into())),
+        ("method", arguments.method.as_deref().map(Into::into)),
+        ("head", arguments.head.as_deref().map(Into::into)),
+        ("held_out", (!held_out.is_empty()).then_some(held_out.into())),
+    ]);
+    settings.extend_from_slice(&arguments.set);
+    let config = DiagnoserConfig::with(&settings)?;
     config.check_source(data, subject)?;
     let Some(out) = &arguments.out else {
         return Err(LearnError::Invalid("the folder of the training is missing; give it with --out".into()));
@@ -115,7 +107,7 @@ fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -
         config.rollouts.unwrap_or(data.rollouts()),
         data.rollouts(),
         data.classes(),
-        data.header().preset().name(),
+        data.header().protocol().name(),
         folder.root().display()
     )
 }

@@ -22,7 +22,7 @@ use runs::LoadedRun;
 pub use show::show;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
-    let encoding = Encoding::parse(&arguments.encoding).or_raise()?;
+    let encoding = arguments.encoding.get();
     let pool = Pool::new(arguments.simulation.threads())?;
     let interrupted = caller.watch()?;
     // Every run is loaded before the first one is evaluated: a mistake shows at once.

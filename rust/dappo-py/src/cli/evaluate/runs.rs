@@ -2,17 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_learn::LearnError;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Conditions, check_seeds};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::Encoding;
+use dappo_learn::{LearnError, RunPolicy};
 use dappo_nn::Policy;
 use pyo3::prelude::*;
 
 use crate::cli::args::{AtLeast, Count, EvaluateArgs};
-use crate::cli::policy::{self, LoadedPolicy};
 use crate::cli::settings;
 use crate::errors::OrRaise;
 use crate::factory::TableFactory;
@@ -81,7 +80,7 @@ impl LoadedRun {
             let other = (folder.root(), &robot);
             reference.robot.check_same(py, reference.folder.root(), other, true)?;
         }
-        let LoadedPolicy { policy, env_steps, .. } =
+        let RunPolicy { policy, env_steps, .. } =
             pool.run(py, || load_policy(&folder, &config, encoding, &factory))?;
         Ok(Self { folder, config, factory, policy, env_steps, robot, conditions })
     }
@@ -116,10 +115,9 @@ fn load_policy(
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
-) -> dappo_learn::Result<LoadedPolicy> {
-    let policy = policy::load(run, config, factory)?;
-    let named = |error| LearnError::Invalid(format!("{}: {error}", run.root().display()));
-    let classes = factory.space().classes().len();
-    encoding.check(policy.policy.code_length(), classes).map_err(named)?;
-    Ok(policy)
+) -> dappo_learn::Result<RunPolicy> {
+    let found = RunPolicy::newest(run, config, factory)?;
+    let named = |error| LearnError::Invalid(format!("{}: {error}", found.run));
+    encoding.check(found.policy.code_length(), factory.space().classes().len()).map_err(named)?;
+    Ok(found)
 }

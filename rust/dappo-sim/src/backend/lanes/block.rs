@@ -52,6 +52,9 @@ impl Block {
     }
 
     /// Starts the episodes of `resets`, one entry a lane: reference pose plus noise, forces at rest.
+    ///
+    /// # Shapes
+    /// - `resets`: `[lanes]`; `obs`: rows that begin `stride` numbers apart
     pub fn reset(
         &mut self,
         task: &Task,
@@ -72,6 +75,9 @@ impl Block {
     }
 
     /// Puts the envs for which `class_of` has a class into a given state.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[lanes, nq]`, `qvel`: `[lanes, nv]`; `obs`: rows that begin `stride` numbers apart
     pub fn set_state(
         &mut self,
         task: &Task,
@@ -117,6 +123,9 @@ impl Block {
     }
 
     /// Advances the envs of the block by one env step, but for those to skip.
+    ///
+    /// # Shapes
+    /// - `classes`, `skip`: `[lanes]`; `actions`: `[lanes, nu]`
     pub fn step(
         &mut self,
         task: &Task,
@@ -196,6 +205,9 @@ impl Block {
     }
 
     /// Reads positions and velocities of a lane.
+    ///
+    /// # Shapes
+    /// - `qpos`: `[nq]`, `qvel`: `[nv]`
     pub fn state(&self, lane: usize, qpos: &mut [f64], qvel: &mut [f64]) {
         let (mut cfrc_ext, mut touch) = (self.cfrc_ext.clone(), self.touch.clone());
         self.group.read(lane, Readout { qpos, qvel, cfrc_ext: &mut cfrc_ext, touch: &mut touch });

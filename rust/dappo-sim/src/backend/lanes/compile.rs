@@ -25,8 +25,10 @@ pub struct LaneTable {
 impl LaneTable {
     /// Compiles all classes, or says what of the robot the engine does not know.
     ///
-    /// `main_body` is the body whose velocity is measured, `muted_touch` the limbs whose touch signal each
-    /// class mutes.
+    /// `main_body` is the body whose velocity is measured.
+    ///
+    /// # Shapes
+    /// `muted_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
     pub fn compile(
         classes: &[ModelArrays],
         main_body: usize,

@@ -16,7 +16,9 @@ mod tree;
 
 use rayon::prelude::*;
 
-use super::{Backend, BackendSnapshot, ObsRows, Precision, Reset, StepOutputs, check_class, check_envs};
+use super::{
+    Backend, BackendSnapshot, ObsRows, Physics, Precision, Reset, StepOutputs, check_class, check_envs,
+};
 use crate::error::{SimError, expect_len};
 use crate::simd::Simd;
 use crate::terms::Task;
@@ -60,12 +62,8 @@ impl LanesBackend {
 }
 
 impl Backend for LanesBackend {
-    fn name(&self) -> &'static str {
-        "lanes"
-    }
-
-    fn precision(&self) -> &'static str {
-        self.precision.name()
+    fn physics(&self) -> Physics {
+        Physics::Lanes(self.precision)
     }
 
     fn num_envs(&self) -> usize {

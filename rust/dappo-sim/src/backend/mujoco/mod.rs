@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 
-use super::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class, check_envs};
+use super::{Backend, BackendSnapshot, ObsRows, Physics, Reset, StepOutputs, check_class, check_envs};
 use crate::error::{SimError, expect_len};
 use crate::terms::Task;
 
@@ -71,12 +71,8 @@ fn worker(workers: &[Mutex<Worker>]) -> MutexGuard<'_, Worker> {
 }
 
 impl Backend for MujocoBackend {
-    fn name(&self) -> &'static str {
-        "mujoco"
-    }
-
-    fn precision(&self) -> &'static str {
-        "f64"
+    fn physics(&self) -> Physics {
+        Physics::Mujoco
     }
 
     fn num_envs(&self) -> usize {

@@ -2,7 +2,7 @@
 
 use dappo_sim::backend::{BackendSnapshot, ObsRows};
 use dappo_sim::terms::Task;
-use dappo_sim::{Backend, Layout, Reset, Robot, SimError, StepOutputs};
+use dappo_sim::{Backend, Layout, Physics, Reset, Robot, SimError, StepOutputs};
 
 /// Its robot.
 pub const ROBOT: &str = r#"
@@ -40,7 +40,8 @@ pub struct Counter {
 }
 
 impl Counter {
-    pub fn new(envs: usize, table: usize) -> Self {
+    /// Robots as [`ROBOT`] describes them, which may observe their velocity, too; it is 0.
+    pub fn new(robot: &Robot, envs: usize, table: usize) -> Self {
         let layout = Layout {
             nq: ROW,
             nv: 1,
@@ -53,7 +54,7 @@ impl Counter {
             touch_addresses: vec![],
             hidden_state: String::new(),
         };
-        let task = Task::new(&Robot::from_toml(ROBOT).unwrap(), &layout, None).unwrap();
+        let task = Task::new(robot, &layout, None).unwrap();
         Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
     }
 
@@ -67,12 +68,8 @@ impl Counter {
 }
 
 impl Backend for Counter {
-    fn name(&self) -> &'static str {
-        "counter"
-    }
-
-    fn precision(&self) -> &'static str {
-        "f64"
+    fn physics(&self) -> Physics {
+        Physics::Mujoco
     }
 
     fn num_envs(&self) -> usize {
