@@ -66,7 +66,7 @@ def document(width: int, height: int, shapes: Iterable[str]) -> str:
     rules = [f'[{of}="{light}"]{{{of}:{dark}}}' for light, dark in DARK.items() for of in ("fill", "stroke")]
     style = f"<style>@media (prefers-color-scheme:dark){{text{{fill:#e6e6e6}}{''.join(rules)}}}</style>"
     back = '<rect width="100%" height="100%" fill="white"/>'
-    font = 'font-family="sans-serif" font-size="13">'
+    font = 'font-family="sans-serif" font-size="15">'
     return "\n".join([f"{head} {font}{style}{back}", *shapes, "</svg>\n"])
 
 

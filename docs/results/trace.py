@@ -86,7 +86,7 @@ def marks(walk: list[Row], x: Callable[[float], float]) -> list[str]:
         shapes += [
             f'<line x1="{x(step):.1f}" y1="{MARGIN - 24}" x2="{x(step):.1f}" y2="{HEIGHT - MARGIN}" '
             'stroke="#777" stroke-dasharray="4 3"/>',
-            f'<text x="{x(step) + 4:.1f}" y="{MARGIN - 14 + 15 * number}" fill="#555">{text}</text>',
+            f'<text x="{x(step) + 4:.1f}" y="{MARGIN - 14 + 18 * number}" fill="#555">{text}</text>',
         ]
     return shapes
 
