@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,6 +54,18 @@ def to_the_repository(app: Sphinx, tree: nodes.document) -> None:
         node.replace_self(nodes.reference("", "", *node.children, refuri=address, internal=False))
 
 
+def join_attributes(
+    app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]
+) -> None:
+    """Write attributes that share a description as `a/b`: of `a, b` Sphinx would take `a,` for a type."""
+    start = lines.index("Attributes") if "Attributes" in lines else len(lines)
+    for row in range(start, len(lines)):
+        if re.match(r"\w+(, \w+)+ : ", lines[row]):
+            names, kind = lines[row].split(" : ", 1)
+            lines[row] = f"{names.replace(', ', '/')} : {kind}"
+
+
 def setup(app: Sphinx) -> None:
-    """Connect the handler, before Sphinx copies the files that can be downloaded."""
+    """Connect the handlers: before Sphinx copies the files that can be downloaded, and before napoleon."""
     app.connect("doctree-read", to_the_repository, priority=100)
+    app.connect("autodoc-process-docstring", join_attributes, priority=100)
