@@ -33,6 +33,7 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}  # not all that it stands for
 # Third-party programs behind the adaptors and executors: large, and not needed to describe these.
 autodoc_mock_imports = ["ray", "rsl_rl", "stable_baselines3", "submitit", "tensordict", "torch"]
 # Fences of the guides contain whether tests run them, which is unknown to the highlighter.
@@ -65,7 +66,22 @@ def join_attributes(
             lines[row] = f"{names.replace(', ', '/')} : {kind}"
 
 
+def shorten_aliases(
+    app: Sphinx,
+    what: str,
+    name: str,
+    item: object,
+    options: object,
+    arguments: str | None,
+    returns: str | None,
+) -> tuple[str | None, str | None]:
+    """Write the names of aliases, where Sphinx would write how it refers to them."""
+    short = (text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (arguments, returns))
+    return next(short), next(short)
+
+
 def setup(app: Sphinx) -> None:
     """Connect the handlers: before Sphinx copies the files that can be downloaded, and before napoleon."""
     app.connect("doctree-read", to_the_repository, priority=100)
     app.connect("autodoc-process-docstring", join_attributes, priority=100)
+    app.connect("autodoc-process-signature", shorten_aliases)
