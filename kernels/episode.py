@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from .reward import Outcome
+from .outcome import Outcome
 
 __all__ = ["BEFORE_THE_FIRST", "Endings", "Episodes", "count_step", "keep_final", "strike"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from . import philox
 from .episode import Episodes
-from .reward import Outcome
+from .outcome import Outcome
 from .task import Task
 
 __all__ = ["DRAW", "EpisodeDraws", "StateReset"]

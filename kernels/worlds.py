@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from .damage import DamageFields, class_rows
 from .episode import BEFORE_THE_FIRST, Endings, Episodes, count_step, keep_final, strike
 from .observe import Observer
+from .outcome import Judge, Outcome
 from .overflow import check_overflow
 from .reset import DRAW, EpisodeDraws, StateReset
-from .reward import Judge, Outcome
 from .task import Task
 
 __all__ = ["Worlds"]

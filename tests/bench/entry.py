@@ -1,19 +1,20 @@
-"""Who takes part in a benchmark: what can be made here, and what cannot and why."""
+"""Who takes part in a benchmark of trainings, and its command line."""
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
 import json
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
-from dappo_batch.bench import Missing, measure
+from dappo_batch._core import SimulationError
+from dappo_batch.bench import measure
 from dappo_batch.bench.contenders import Unavailable
 
-__all__ = ["Entrant", "enter", "print_report"]
+from .worker import Work, Worker, WorkerFailed
 
-T = TypeVar("T")
+__all__ = ["Entrant", "Kept", "print_report"]
 
 
 class Entrant:
@@ -49,34 +50,46 @@ class Entrant:
         """Free processes and memory."""
 
 
-def enter(
-    makers: Mapping[str, Callable[[], T]], progress: Callable[[str], None]
-) -> tuple[list[T], list[Missing]]:
-    """Make everything that can run here, and say why the rest cannot.
+class Kept(Entrant):
+    """An entrant whose program is kept warm in a process of its own.
 
-    Parameters
+    Attributes
     ----------
-    makers : mapping
-        From the key of a contender to what makes it or raises `Unavailable`.
-    progress : callable
-        Told what is made.
+    program : str
+        Module and class that the process runs, see `tests.bench.worker`.
     """
-    made: list[T] = []
-    missing: list[Missing] = []
-    for key, make in makers.items():
-        progress(f"making {key}")
+
+    program: ClassVar[str]
+
+    def start(self, task: Work) -> None:
+        """Start the process, or raise `Unavailable` if its program cannot be made."""
         try:
-            made.append(make())
-        except Unavailable as reason:
-            missing.append(Missing(key, str(reason), reason.install))
-    return made, missing
+            self._worker = Worker(self.program, task)
+        except WorkerFailed as error:
+            raise Unavailable(str(error)) from error
+        self.note = self._worker.note
+
+    def ask(self, number: int) -> dict[str, Any]:
+        """Have a piece of work of the size `number` done and return what the program says about it."""
+        try:
+            return self._worker.ask(number)
+        except WorkerFailed as error:
+            self.close()
+            raise SimulationError(f"{self.key}: {error}") from error
+
+    def close(self) -> None:
+        """Free processes and memory."""
+        self._worker.close()
 
 
 def print_report(
     run: Callable[..., Any], parser: argparse.ArgumentParser, argv: Sequence[str] | None = None
 ) -> None:
     """Run a benchmark with the arguments of a command line and print its report, as JSON with ``--json``."""
-    parser.add_argument("--json", action="store_true", default=False, help="print JSON")
+    add = parser.add_argument
+    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
+    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
+    add("--json", action="store_true", default=False, help="print JSON")
     arguments = vars(parser.parse_args(argv))
     as_json = arguments.pop("json")
     report = run(**arguments, progress=measure.progress)

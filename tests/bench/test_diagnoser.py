@@ -16,7 +16,7 @@ from dappo_batch import ConfigError, SimulationError
 
 from ..python.burnpack import read_burnpack
 from ..python.command_line import dappo_batch
-from . import diagnoser
+from . import diagnoser, rounds
 from .commands import TrainingFailed
 from .diagnoser import report, torch_network, trainers
 from .diagnoser.__main__ import main
@@ -163,8 +163,8 @@ class Pretended(trainers.Trainer):
     about = "pretends"
     note = "version 7"
 
-    def train(self, epochs: int) -> Sample:
-        return Sample(epochs * self._task.samples, 0.5, 1.25)
+    def train(self, amount: int) -> Sample:
+        return Sample(amount * self._task.samples, 0.5, 1.25)
 
 
 class PretendedPeer(Pretended):
@@ -173,14 +173,14 @@ class PretendedPeer(Pretended):
 
 def test_ratios_and_bounds_are_those_of_the_same_round() -> None:
     # A machine that gets slower from round to round, which changes nothing in any ratio.
-    rounds = [
+    turns = [
         report.Round(
             1e10 / slowness,
             {"pretended": Sample(3300, slowness, 2.0), "torch": Sample(3300, 6.0 * slowness, 2.0)},
         )
         for slowness in (1.0, 2.0, 8.0)
     ]
-    cell = report.cell_of(PAPER, rounds, [Pretended(PAPER), PretendedPeer(PAPER)], "a BLAS")
+    cell = report.cell_of(PAPER, turns, [Pretended(PAPER), PretendedPeer(PAPER)], "a BLAS")
     own, peer = cell.results
     assert asdict(own.ratios["torch"]) == {"median": 6.0, "low": 6.0, "high": 6.0}
     assert "torch folded" not in own.ratios
@@ -211,7 +211,7 @@ class Absent(trainers.Torch):
 @pytest.fixture
 def pretended(monkeypatch: pytest.MonkeyPatch) -> None:
     """Measure nothing, and let PyTorch be absent."""
-    monkeypatch.setattr(diagnoser, "_PAUSE", 0.0)
+    monkeypatch.setattr(rounds, "_PAUSE", 0.0)
     monkeypatch.setattr(diagnoser, "Products", Products)
     monkeypatch.setattr(diagnoser, "TRAINERS", (Pretended, Absent))
     monkeypatch.setattr(diagnoser, "collect", lambda *_: Dataset(Path("nowhere"), 33, 111))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dappo_batch import ConfigError, SimulationError
 from dappo_batch.bench.contenders import Unavailable
 
-from . import products, training
+from . import products, rounds, training
 from .commands import TrainingFailed, TrainingRun
 from .limits import limited_to, thread_limits
 from .training import bound, envpool_torch, report, trainers
@@ -123,9 +123,9 @@ class Pretended(trainers.Trainer):
         self._batch, self._seconds = task.batch, seconds
         self.trained: list[int] = []
 
-    def train(self, iterations: int) -> Sample:
-        self.trained.append(iterations)
-        return Sample(iterations, iterations * self._batch, self._seconds, 3.0 * self._seconds, 6e9)
+    def train(self, amount: int) -> Sample:
+        self.trained.append(amount)
+        return Sample(amount, amount * self._batch, self._seconds, 3.0 * self._seconds, 6e9)
 
 
 class PretendedPeer(Pretended):
@@ -138,15 +138,15 @@ def rates(sgemm: float, mj_step: float) -> bound.Rates:
 
 def test_ratios_and_bounds_are_those_of_the_same_round() -> None:
     ours, peer = Pretended(TINY), PretendedPeer(TINY)
-    rounds = []
+    turns = []
     # A machine that gets slower from round to round, which changes nothing in any ratio.
     for slowness in (1.0, 2.0, 8.0):
         samples = {
             "pretended": Sample(2, 64, 1.0 * slowness, 3.0 * slowness, 6e9),
             "sb3": Sample(2, 64, 10.0 * slowness, 10.0 * slowness, 5e9),
         }
-        rounds.append(report.Round(rates(3e9 / slowness, 64.0 / slowness), samples))
-    own, other = report.results(rounds, [ours, peer])
+        turns.append(report.Round(rates(3e9 / slowness, 64.0 / slowness), samples))
+    own, other = report.results(turns, [ours, peer])
     assert asdict(own.ratios["sb3"]) == {"median": 5.0, "low": 5.0, "high": 5.0}
     assert "envpool + torch" not in own.ratios
     assert (other.ratios["sb3"].low, other.ratios["sb3"].high) == (1.0, 1.0)
@@ -193,16 +193,16 @@ def test_absent_packages_are_reported_with_their_command(monkeypatch: pytest.Mon
 
 
 def test_rounds_rotate(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "_PAUSE", 0.0)
+    monkeypatch.setattr(rounds, "_PAUSE", 0.0)
     said: list[str] = []
     both = [Pretended(TINY), PretendedPeer(TINY)]
-    rounds = training._measure(Machine(TINY), both, 3, 2, 0.1, said.append)  # type: ignore[arg-type]
+    found = rounds.measure_rounds(Machine(TINY).measure, both, 3, 2, 0.1, said.append)
     assert [line.split(": ")[1] for line in said if "machine" not in line] == [
         *("pretended", "sb3"),
         *("sb3", "pretended"),
     ]
     assert both[0].trained == [3, 3]
-    assert set(rounds[1].samples) == {"pretended", "sb3"}
+    assert set(found[1].samples) == {"pretended", "sb3"}
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
 import signal
 import subprocess
@@ -11,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+from dappo_batch.runs.run import read_lines
 
 from ..processes import DAPPO_BATCH
 from .scale import Scale
@@ -29,6 +30,7 @@ def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, 
         ``env_steps``, ``seconds``, ``rollout_seconds``, ``update_seconds``, ``forward_reward`` (the last),
         ``reached`` (env steps and seconds at which `Scale.forward_reward` was), ``diverged``.
     """
+    metrics = run / "metrics.jsonl"
     flags = ("--device", device, "--run", str(run), *scale.training)
     start = time.monotonic()
     with (run.parent / "training.log").open("w") as log:
@@ -36,7 +38,7 @@ def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, 
         reached = None
         while process.poll() is None and time.monotonic() - start < seconds and reached is None:
             time.sleep(0.5)
-            reached = _reached(_lines(run), scale.forward_reward, time.monotonic() - start)
+            reached = _reached(read_lines(metrics), scale.forward_reward, time.monotonic() - start)
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
@@ -44,7 +46,7 @@ def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, 
         except subprocess.TimeoutExpired:
             process.kill()
             code = process.wait()
-    lines = _lines(run)
+    lines = read_lines(metrics)
     forward = [line["forward_reward"] for line in lines if line["forward_reward"] is not None]
     return {
         "ok": code in (0, 130) and bool(lines),
@@ -57,14 +59,6 @@ def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, 
         "reached": reached,
         "diverged": sum(line["diverged"] for line in lines),
     }
-
-
-def _lines(run: Path) -> list[dict[str, Any]]:
-    """Read the metrics as far as whole lines are there."""
-    path = run / "metrics.jsonl"
-    if not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
 
 
 def _reached(lines: list[dict[str, Any]], reward: float, seconds: float) -> dict[str, float] | None:

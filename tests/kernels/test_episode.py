@@ -8,7 +8,7 @@ import pytest
 wp = pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
 from dappo_batch.kernels.episode import Endings, Episodes, count_step, keep_final, strike
-from dappo_batch.kernels.reward import Outcome
+from dappo_batch.kernels.outcome import Outcome
 
 COUNT = 200
 

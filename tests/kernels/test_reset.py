@@ -13,8 +13,8 @@ import mujoco_warp as mjw
 
 from dappo_batch import ClassTable
 from dappo_batch.kernels.episode import Episodes
+from dappo_batch.kernels.outcome import Outcome
 from dappo_batch.kernels.reset import DRAW, EpisodeDraws, StateReset
-from dappo_batch.kernels.reward import Outcome
 from dappo_batch.kernels.task import Task
 
 from .philox_numpy import Stream

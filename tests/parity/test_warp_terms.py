@@ -16,7 +16,7 @@ import mujoco_warp as mjw
 import dappo_batch
 from dappo_batch import ClassTable
 from dappo_batch.kernels.observe import Observer
-from dappo_batch.kernels.reward import Judge, Outcome
+from dappo_batch.kernels.outcome import Judge, Outcome
 from dappo_batch.kernels.task import Task
 from dappo_batch.kernels.worlds import Worlds
 

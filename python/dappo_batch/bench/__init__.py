@@ -12,29 +12,15 @@ from json import dumps
 from typing import Any
 
 from dappo_batch import machine
-from dappo_batch._core import ConfigError
 from dappo_batch.bench import measure
-from dappo_batch.bench.contenders import CONTENDERS, Contender, Unavailable, Workload
-from dappo_batch.bench.measure import Sample, Spread, align, measure_rounds
+from dappo_batch.bench.contenders import CONTENDERS, Contender, Workload
+from dappo_batch.bench.measure import Missing, Sample, Spread, align, check, enter, measure_rounds
 from dappo_batch.robots import load_robot
 
 __all__ = ["BASE", "Missing", "Report", "Result", "command", "run"]
 
 BASE = "mj_step"
 """Name of the contender that all others are compared with."""
-
-
-@dataclass(frozen=True)
-class Missing:
-    """A contender that was not measured, why, and the command that would change it, if there is one."""
-
-    key: str
-    reason: str
-    install: str
-
-    def __str__(self) -> str:
-        cure = f"; to install it: {self.install}" if self.install else ""
-        return f"not measured: {self.key}: {self.reason}{cure}"
 
 
 @dataclass(frozen=True)
@@ -126,26 +112,11 @@ def run(
         If an argument is out of range or the robot unknown.
     """
     threads = machine.cores() if threads is None else threads
-    for name, value in (("num_envs", num_envs), ("threads", threads), ("rounds", rounds)):
-        if value < 1:
-            raise ConfigError(f"{name} must be at least 1, got {value}")
-    if not 0.0 < seconds < float("inf"):
-        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    check({"num_envs": [num_envs], "threads": [threads], "rounds": [rounds]}, seconds)
     described = machine.describe()
     workload = Workload(load_robot(robot), num_envs, threads)
-    contenders: dict[str, Contender] = {}
-    missing = []
-    try:
-        for key, make in CONTENDERS.items():
-            progress(f"preparing {key}")
-            try:
-                contenders[key] = make(workload)
-            except Unavailable as error:
-                missing.append(Missing(key, str(error), error.install))
+    with enter(CONTENDERS, workload, progress) as (contenders, missing):
         samples = measure_rounds(contenders, seconds, rounds, progress)
-    finally:
-        for contender in contenders.values():
-            contender.close()
     settings: dict[str, Any] = {"robot": workload.robot.name, "num_envs": num_envs, "threads": threads}
     settings |= {"seconds": seconds, "rounds": rounds}
     results = (_result(key, contenders[key], own, samples[BASE]) for key, own in samples.items())

@@ -4,19 +4,82 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from statistics import median
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
-from dappo_batch.bench.contenders import Contender
+from dappo_batch._core import ConfigError
+from dappo_batch.bench.contenders import Contender, Unavailable
 
-__all__ = ["SETTLING_STEPS", "Sample", "Spread", "align", "measure_rounds", "progress", "rotated"]
+__all__ = [
+    "SETTLING_STEPS",
+    "Missing",
+    "Sample",
+    "Spread",
+    "align",
+    "check",
+    "enter",
+    "measure_rounds",
+    "progress",
+    "rotated",
+]
 
 _T = TypeVar("_T")
+_W = TypeVar("_W")
+_C = TypeVar("_C", bound="_Closed")
 
 SETTLING_STEPS = 40
 """Env steps before the first sample. Contacts decide what a step costs, and robots begin above the floor."""
+
+
+class _Closed(Protocol):
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A contender that was not measured, why, and the command that would change it, if there is one."""
+
+    key: str
+    reason: str
+    install: str
+
+    def __str__(self) -> str:
+        cure = f"; to install it: {self.install}" if self.install else ""
+        return f"not measured: {self.key}: {self.reason}{cure}"
+
+
+def check(counts: Mapping[str, Sequence[int]], seconds: float) -> None:
+    """Raise `ConfigError` if a count is below 1 or the time is none."""
+    for name, values in counts.items():
+        if min(values, default=0) < 1:
+            raise ConfigError(f"{name} must be at least 1, got {min(values, default='nothing')}")
+    if not 0.0 < seconds < float("inf"):
+        raise ConfigError(f"seconds must be above 0, got {seconds}")
+
+
+@contextmanager
+def enter(
+    makers: Mapping[str, Callable[[_W], _C]], work: _W, progress: Callable[[str], None]
+) -> Iterator[tuple[dict[str, _C], list[Missing]]]:
+    """Make all contenders that can run here, say why the others cannot, and close them at the end.
+
+    Makers raise `Unavailable` where they cannot.
+    """
+    made: dict[str, _C] = {}
+    missing: list[Missing] = []
+    with ExitStack() as entered:
+        for key, make in makers.items():
+            progress(f"making {key}")
+            try:
+                made[key] = make(work)
+            except Unavailable as reason:
+                missing.append(Missing(key, str(reason), reason.install))
+            else:
+                entered.callback(made[key].close)
+        yield made, missing
 
 
 @dataclass(frozen=True)

@@ -55,12 +55,14 @@ class ClassOutcome(Result):
     examinations : float
         Examinations an episode.
     recovered : int
-        Episodes in which the robot walked at four fifths of the oracle's speed at some time after the
-        diagnosis.
-    falls : int
-        Episodes that ended in failure.
-    velocity_before : float
-        Forward velocity before the damage, m/s.
+        Episodes in which the robot was diagnosed after the damage, neither fell nor stood still, and kept at
+        least four fifths of the speed that the oracle keeps.
+    falls, stood_still : int
+        Episodes that ended in failure, and those that ended at less than a tenth of the speed before the
+        damage.
+    velocity_before, velocity_kept, oracle_velocity_kept : float or None
+        Forward velocity before the damage, over the last 200 env steps, and that of the oracle over the last
+        200, m/s. A robot that fell has 0; the oracle has none for damage that it does not know.
     adapted, oracle, unadapted, unaware : float or None
         Forward reward of the controller; of a policy that is told the truth at once, unless it does not know
         the damage; of the policy that takes the robot for healthy; and of PPO-Unaware, if there is one.
@@ -80,7 +82,10 @@ class ClassOutcome(Result):
     recovered: int
     median_recovery: float | None
     falls: int
+    stood_still: int
     velocity_before: float | None
+    velocity_kept: float | None
+    oracle_velocity_kept: float | None
     adapted: float | None
     oracle: float | None
     unadapted: float | None
@@ -114,7 +119,13 @@ class AdaptationSummary(Result):
     right_at_first, right_at_last : float or None
         Shares of the damaged episodes whose first diagnosis was right, and whose policy was told the right
         class in the end.
-    recovered_share, unadapted_share, unaware_share : float or None
+    recovered, stood_still, fell : float or None
+        Shares of the damaged episodes: those in which the robot recovered, of the damages that the policy
+        knows, those at whose end it stood still, and those that ended in failure.
+    kept_of_oracle, kept_of_healthy : float or None
+        Forward velocity over the last 200 env steps with the damages that the policy knows, as a share of
+        the oracle's, and of that before the damage.
+    adapted_share, unadapted_share, unaware_share : float or None
         Forward reward over the damages that the policy knows, as a share of the oracle's: of the controller,
         of the policy that takes every robot for healthy, and of PPO-Unaware.
     decision_ms : DecisionTime
@@ -128,7 +139,12 @@ class AdaptationSummary(Result):
     severe_median_delay: float | None
     right_at_first: float | None
     right_at_last: float | None
-    recovered_share: float | None
+    recovered: float | None
+    stood_still: float | None
+    fell: float | None
+    kept_of_oracle: float | None
+    kept_of_healthy: float | None
+    adapted_share: float | None
     unadapted_share: float | None
     unaware_share: float | None
     decision_ms: DecisionTime

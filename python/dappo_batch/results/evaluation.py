@@ -25,6 +25,8 @@ __all__ = [
 class ClassResult(Result):
     """A policy with one damage class: its number, name and group, and means over episodes.
 
+    ``forward_reward`` is the sum of the forward velocity (m/s) over the env steps of an episode,
+    ``forward_velocity`` its mean over all steps in m/s, ``distance`` what it makes in an episode, m.
     ``episode_length`` is in env steps; ``falls`` counts episodes that ended in failure, ``diverged`` those
     among them whose physics diverged.
     """
@@ -35,6 +37,8 @@ class ClassResult(Result):
     episodes: int
     forward_reward: float
     standard_error: float | None
+    forward_velocity: float
+    distance: float
     episode_return: float
     episode_length: float
     falls: int
@@ -53,6 +57,8 @@ class GroupResult(Result):
     episodes: int
     forward_reward: float
     standard_error: float | None
+    forward_velocity: float
+    distance: float
     falls: int
     diverged: int
 
@@ -91,12 +97,14 @@ class RunEvaluation(Result):
 
 @dataclass(frozen=True)
 class RunSummary(Result):
-    """One run of a comparison; the forward reward is the mean over all classes."""
+    """One run of a comparison; forward reward, velocity (m/s) and distance (m) are means over all classes."""
 
     run: str
     seed: int
     env_steps: int
     forward_reward: float
+    forward_velocity: float
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,8 @@ class Side(Result):
 
     encoding: str
     forward_reward: float
+    forward_velocity: float
+    distance: float
     seeds: tuple[RunSummary, ...]
 
 

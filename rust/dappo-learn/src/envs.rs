@@ -34,6 +34,10 @@ pub trait EnvFactory {
     /// Integrator of the robot, as MuJoCo names it.
     fn integrator(&self) -> &str;
 
+    /// Time from one action to the next, s. A forward reward, Σ forward velocity over env steps, times this is the
+    /// distance in m.
+    fn control_period(&self) -> f64;
+
     /// The simulator behind results of this physics.
     fn simulator(&self, physics: Physics) -> Simulator {
         Simulator { physics, integrator: self.integrator().to_owned() }

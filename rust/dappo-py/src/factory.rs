@@ -135,6 +135,10 @@ impl EnvFactory for TableFactory {
         &self.integrator
     }
 
+    fn control_period(&self) -> f64 {
+        self.layout.timestep * self.robot.frame_skip as f64
+    }
+
     fn training_physics(&self) -> Physics {
         self.training
     }

@@ -7,34 +7,28 @@ busy or throttled machine too; the absolute numbers are those of the moment.
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dappo_batch._core import ConfigError
-from dappo_batch.bench import Missing
-from dappo_batch.bench.measure import rotated
+from dappo_batch.bench.measure import Missing, check, enter
 from dappo_batch.machine import cores, describe
 from dappo_batch.robots import load_robot
 
-from ..entry import enter
 from ..limits import limited_to
 from ..products import Products
+from ..rounds import measure_rounds
 from .data import collect
-from .report import Cell, DiagnoserReport, Round, cell_of
+from .report import Cell, DiagnoserReport, cell_of
 from .task import Task
-from .trainers import Ours, Sample, Torch, TorchFolded, Trainer
+from .trainers import Ours, Torch, TorchFolded, Trainer
 
 __all__ = ["TRAINERS", "DiagnoserReport", "Trainer", "run"]
 
 TRAINERS: tuple[type[Trainer], ...] = (Ours, Torch, TorchFolded)
 """Everything that may be measured; a new contender is a class like those here."""
-
-_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
 
 
 def run(
@@ -86,11 +80,7 @@ def run(
     """
     threads = sorted({1, cores()}) if threads is None else threads
     counts = {"timesteps": [timesteps], "rollouts": [rollouts], "epochs": [epochs], "rounds": [rounds]}
-    for name, values in {"minibatch": minibatches, "threads": threads, **counts}.items():
-        if min(values, default=0) < 1:
-            raise ConfigError(f"{name} must be at least 1, got {min(values, default='nothing')}")
-    if not 0.0 < seconds < float("inf"):
-        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    check({"minibatch": minibatches, "threads": threads, **counts}, seconds)
     name, described = load_robot(robot).name, describe()
     with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
         progress("collecting the data")
@@ -119,22 +109,17 @@ def _settings(task: Task) -> dict[str, Any]:
 def _measure(
     task: Task, epochs: int, rounds: int, seconds: float, progress: Callable[[str], None]
 ) -> tuple[Cell, list[Missing]]:
-    """Measure everybody `rounds` times at one task; the order rotates."""
-    found = []
-    with limited_to(task.threads), ExitStack() as entered:
-        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
-        for trainer in trainers:
-            entered.callback(trainer.close)
-        products = entered.enter_context(closing(Products(task.threads)))
-        for number in range(rounds):
-            where = f"{task.threads} threads, minibatch {task.minibatch}, round {number + 1} of {rounds}"
-            progress(f"{where}: the machine")
-            time.sleep(_PAUSE)
-            sgemm = products.measure(seconds)
-            samples: dict[str, Sample] = {}
-            for trainer in rotated(trainers, number):
-                progress(f"{where}: {trainer.key}")
-                time.sleep(_PAUSE)
-                samples[trainer.key] = trainer.train(epochs)
-            found.append(Round(sgemm, samples))
+    """Measure everybody `rounds` times at one task."""
+
+    def tell(what: str) -> None:
+        progress(f"{task.threads} threads, minibatch {task.minibatch}, {what}")
+
+    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
+    with (
+        limited_to(task.threads),
+        entered as (entrants, missing),
+        closing(Products(task.threads)) as products,
+    ):
+        trainers = [*entrants.values()]
+        found = measure_rounds(products.measure, trainers, epochs, rounds, seconds, tell)
     return cell_of(task, found, trainers, products.note), missing

@@ -23,8 +23,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     add("--epochs", type=int, metavar="N", help="epochs of a sample [default: 2]")
     threads = "threads of each contender, one or several numbers [default: 1 and all cores]"
     add("--threads", type=int, nargs="+", metavar="N", help=threads)
-    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
-    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
     print_report(run, parser, argv)
 
 

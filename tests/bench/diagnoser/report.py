@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from dappo_batch import machine
-from dappo_batch.bench import Missing
 from dappo_batch.bench.measure import Spread, align
 
+from .. import rounds
 from ..products import gflops
+from ..rounds import ratios
 from .task import Task
 from .trainers import Sample, Torch, TorchFolded, Trainer
 
@@ -20,20 +21,8 @@ PEERS = (Torch.key, TorchFolded.key)
 """Keys of the contenders that all others are compared with, where they could be measured."""
 
 
-@dataclass(frozen=True)
-class Round:
-    """A sample of everything, taken one after the other.
-
-    Attributes
-    ----------
-    sgemm : float
-        Floating-point operations per second in products of float32 matrices.
-    samples : dict
-        What each contender did, by its key.
-    """
-
-    sgemm: float
-    samples: dict[str, Sample]
+Round: TypeAlias = rounds.Round[float, Sample]
+"""The machine's are floating-point operations per second in products of float32 matrices."""
 
 
 @dataclass(frozen=True)
@@ -86,22 +75,22 @@ class Cell:
     results: tuple[Result, ...]
 
 
-def cell_of(task: Task, rounds: Sequence[Round], trainers: Sequence[Trainer], sgemm_note: str) -> Cell:
+def cell_of(task: Task, turns: Sequence[Round], trainers: Sequence[Trainer], sgemm_note: str) -> Cell:
     """Summarise the rounds of a task."""
     return Cell(
         threads=task.threads,
         minibatch=task.minibatch,
-        sgemm=Spread.of([one.sgemm for one in rounds]),
+        sgemm=Spread.of([one.machine for one in turns]),
         sgemm_note=sgemm_note,
         folded_flops=task.folded_flops,
         plain_flops=task.plain_flops,
-        results=tuple(_result(task, rounds, trainer) for trainer in trainers),
+        results=tuple(_result(task, turns, trainer) for trainer in trainers),
     )
 
 
-def _result(task: Task, rounds: Sequence[Round], trainer: Trainer) -> Result:
+def _result(task: Task, turns: Sequence[Round], trainer: Trainer) -> Result:
     def spread(number: Callable[[Round, Sample], float]) -> Spread:
-        return Spread.of([number(one, one.samples[trainer.key]) for one in rounds])
+        return Spread.of([number(one, one.samples[trainer.key]) for one in turns])
 
     return Result(
         key=trainer.key,
@@ -109,44 +98,26 @@ def _result(task: Task, rounds: Sequence[Round], trainer: Trainer) -> Result:
         note=trainer.note,
         rate=spread(lambda _, own: own.rate),
         loss=spread(lambda _, own: own.loss),
-        ratios={
-            peer: Spread.of([one.samples[trainer.key].rate / one.samples[peer].rate for one in rounds])
-            for peer in PEERS
-            if peer in rounds[0].samples
-        },
-        over_bound=spread(lambda one, own: one.sgemm / (own.rate * task.folded_flops)),
+        ratios=ratios(turns, trainer.key, PEERS),
+        over_bound=spread(lambda one, own: one.machine / (own.rate * task.folded_flops)),
     )
 
 
 @dataclass(frozen=True)
-class DiagnoserReport:
+class DiagnoserReport(rounds.Report):
     """Everything that one call of ``python -m tests.bench.diagnoser`` found.
 
     Attributes
     ----------
-    machine : dict
-        Processor, cores, load average before the first sample, versions.
-    settings : dict
-        Robot, network, data, epochs a sample, seconds of a sample of the machine, rounds.
     cells : tuple of Cell
         The numbers.
-    missing : tuple of Missing
-        The contenders that were not measured, and why.
     """
 
-    machine: dict[str, Any]
-    settings: dict[str, Any]
     cells: tuple[Cell, ...]
-    missing: tuple[Missing, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it."""
-        return asdict(self)
-
-    def text(self) -> str:
-        """Return everything as a text for people."""
-        parts = (self._head(), self._table(), self._legend(), self._missing(), self._bound())
-        return "\n\n".join(part for part in parts if part)
+    def parts(self) -> tuple[str, ...]:
+        """Return the paragraphs of the text, the bound last."""
+        return self._head(), self._table(), self._legend(), self._bound()
 
     def _head(self) -> str:
         one = self.settings
@@ -189,9 +160,6 @@ class DiagnoserReport:
             if one.note
         ]
         return "\n".join(lines)
-
-    def _missing(self) -> str:
-        return "\n".join(map(str, self.missing))
 
     def _bound(self) -> str:
         head = ["bound = sgemm / operations", "threads", "minibatch", "sgemm Gflop/s", "samples/s"]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from dappo_batch._core import SimulationError
-from dappo_batch.bench.contenders import Unavailable
 
+from .. import rounds
 from ..commands import TrainingFailed, command_line, read_metrics
-from ..entry import Entrant
-from ..worker import Worker, WorkerFailed
+from ..entry import Kept
 from .task import Task
 
 __all__ = ["Ours", "Sample", "Torch", "TorchFolded", "Trainer", "sample_of"]
@@ -46,16 +44,12 @@ class Sample:
         return self.samples / self.seconds
 
 
-class Trainer(Entrant, ABC):
-    """A way to train the network."""
+class Trainer(rounds.Trainer[Sample]):
+    """A way to train the network: new weights for one epoch, which is not counted, and so many more."""
 
     def __init__(self, task: Task) -> None:
         self.require()
         self._task = task
-
-    @abstractmethod
-    def train(self, epochs: int) -> Sample:
-        """Train new weights for one epoch, which is not counted, and `epochs` more."""
 
 
 class Ours(Trainer):
@@ -64,14 +58,14 @@ class Ours(Trainer):
     key = "ours"
     about = "dappo-batch diagnose train"
 
-    def train(self, epochs: int) -> Sample:
-        """Train new weights for one epoch, which is not counted, and `epochs` more."""
+    def train(self, amount: int) -> Sample:
+        """Train new weights for one epoch, which is not counted, and `amount` more."""
         task = self._task
         try:
             with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
                 out = Path(folder) / "diagnoser"
                 arguments = ["diagnose", "train", task.data, "--out", str(out), "--json"]
-                arguments += ["--threads", str(task.threads), "--set", *self.settings(epochs + 1)]
+                arguments += ["--threads", str(task.threads), "--set", *self.settings(amount + 1)]
                 command_line(arguments, task.threads)
                 return sample_of(read_metrics(out))
         except TrainingFailed as error:
@@ -113,34 +107,21 @@ def sample_of(metrics: tuple[dict[str, Any], ...]) -> Sample:
         raise TrainingFailed(f"metrics.jsonl does not say it: {error}") from error
 
 
-class Torch(Trainer):
+class Torch(Kept, Trainer):
     """The same network in PyTorch, kept warm in a process of its own."""
 
     key = "torch"
     about = "PyTorch's layers, as the network is written"
     packages: ClassVar[dict[str, str]] = {"torch": "torch"}
-    program: ClassVar[str] = "tests.bench.diagnoser.torch_network:TorchDiagnoser"
+    program = "tests.bench.diagnoser.torch_network:TorchDiagnoser"
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        try:
-            self._worker = Worker(self.program, task)
-        except WorkerFailed as error:
-            raise Unavailable(str(error)) from error
-        self.note = self._worker.note
+        self.start(task)
 
-    def train(self, epochs: int) -> Sample:
-        """Train new weights for one epoch, which is not counted, and `epochs` more."""
-        try:
-            answer = self._worker.ask(epochs)
-        except WorkerFailed as error:
-            self.close()
-            raise SimulationError(f"{self.key}: {error}") from error
-        return Sample(**answer)
-
-    def close(self) -> None:
-        """Free processes and memory."""
-        self._worker.close()
+    def train(self, amount: int) -> Sample:
+        """Train new weights for one epoch, which is not counted, and `amount` more."""
+        return Sample(**self.ask(amount))
 
 
 class TorchFolded(Torch):

@@ -6,27 +6,24 @@ busy or throttled machine too; the absolute numbers are those of the moment.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
-from dappo_batch._core import ConfigError
-from dappo_batch.bench.measure import Spread, rotated
+from dappo_batch.bench.measure import Spread, check, enter
 from dappo_batch.machine import cores, describe
 
-from ..entry import enter
 from ..limits import limited_to
-from .bound import Machine, Rates
-from .report import Round, TrainingReport, results
+from ..rounds import measure_rounds
+from .bound import Machine
+from .report import TrainingReport, results
 from .task import Task
 from .trainers import (
     AsConfigured,
     EnvPoolTorch,
     Lanes,
     Mujoco,
-    Sample,
     StableBaselines,
     Trainer,
 )
@@ -35,8 +32,6 @@ __all__ = ["TRAINERS", "Trainer", "TrainingReport", "run"]
 
 TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
 """Everything that may be measured; a new contender is a class like those here."""
-
-_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
 
 
 def run(
@@ -80,32 +75,23 @@ def run(
     """
     task = Task(cores() if threads is None else threads, num_envs, horizon)
     counts = {"envs": num_envs, "horizon": horizon, "threads": task.threads}
-    for name, value in {**counts, "iterations": iterations, "rounds": rounds}.items():
-        if value < 1:
-            raise ConfigError(f"{name} must be at least 1, got {value}")
-    if not 0.0 < seconds < float("inf"):
-        raise ConfigError(f"seconds must be above 0, got {seconds}")
+    counts |= {"iterations": iterations, "rounds": rounds}
+    check({name: [value] for name, value in counts.items()}, seconds)
     described = describe()
-    with limited_to(task.threads):
-        trainers, missing = enter({kind.key: partial(kind, task) for kind in TRAINERS}, progress)
-        try:
-            machine = Machine(task)
-            try:
-                measured = _measure(machine, trainers, iterations, rounds, seconds, progress)
-            finally:
-                machine.close()
-        finally:
-            for trainer in trainers:
-                trainer.close()
+    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
+    with limited_to(task.threads), entered as (entrants, missing), closing(Machine(task)) as machine:
+        trainers = [*entrants.values()]
+        measured = measure_rounds(machine.measure, trainers, iterations, rounds, seconds, progress)
     return TrainingReport(
         machine=described,
         settings=_settings(task) | {"iterations": iterations, "rounds": rounds, "seconds": seconds},
         results=results(measured, trainers),
         missing=tuple(missing),
-        sgemm=Spread.of([one.rates.sgemm for one in measured]),
+        sgemm=Spread.of([one.machine.sgemm for one in measured]),
         sgemm_note=machine.note,
         physics={
-            key: Spread.of([one.rates.physics[key] for one in measured]) for key in measured[0].rates.physics
+            key: Spread.of([one.machine.physics[key] for one in measured])
+            for key in measured[0].machine.physics
         },
     )
 
@@ -114,26 +100,3 @@ def _settings(task: Task) -> dict[str, Any]:
     settings = asdict(task) | {"minibatch": task.minibatch}
     del settings["minibatch_rows"]
     return settings
-
-
-def _measure(
-    machine: Machine,
-    trainers: Sequence[Trainer],
-    iterations: int,
-    rounds: int,
-    seconds: float,
-    progress: Callable[[str], None],
-) -> list[Round]:
-    """Measure everything `rounds` times; the order of the trainers rotates."""
-    found = []
-    for number in range(rounds):
-        progress(f"round {number + 1} of {rounds}: the machine")
-        time.sleep(_PAUSE)
-        rates: Rates = machine.measure(seconds)
-        samples: dict[str, Sample] = {}
-        for trainer in rotated(trainers, number):
-            progress(f"round {number + 1} of {rounds}: {trainer.key}")
-            time.sleep(_PAUSE)
-            samples[trainer.key] = trainer.train(iterations)
-        found.append(Round(rates, samples))
-    return found

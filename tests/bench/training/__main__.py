@@ -19,8 +19,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     add("--horizon", type=int, metavar="T", help="env steps of an iteration [default: 512]")
     add("--iterations", type=int, metavar="N", help="iterations of a sample [default: 3]")
     add("--threads", type=int, metavar="N", help="threads of each contender [default: all cores]")
-    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
-    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
     print_report(run, parser, argv)
 
 

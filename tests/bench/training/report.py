@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from dappo_batch import machine
-from dappo_batch.bench import Missing
 from dappo_batch.bench.measure import Spread, align
 
+from .. import rounds
 from ..products import gflops
+from ..rounds import ratios
 from .bound import Bound, Rates, bound_of
 from .trainers import EnvPoolTorch, Sample, StableBaselines, Trainer
 
@@ -20,12 +21,7 @@ PEERS = (StableBaselines.key, EnvPoolTorch.key)
 """Keys of the contenders that all others are compared with, where they could be measured."""
 
 
-@dataclass(frozen=True)
-class Round:
-    """A sample of everything, taken one after the other."""
-
-    rates: Rates
-    samples: dict[str, Sample]
+Round: TypeAlias = rounds.Round[Rates, Sample]
 
 
 @dataclass(frozen=True)
@@ -63,14 +59,14 @@ class Result:
     over_bound: Spread
 
 
-def results(rounds: Sequence[Round], trainers: Sequence[Trainer]) -> tuple[Result, ...]:
+def results(turns: Sequence[Round], trainers: Sequence[Trainer]) -> tuple[Result, ...]:
     """Summarise the rounds of each trainer."""
-    return tuple(_result(rounds, trainer) for trainer in trainers)
+    return tuple(_result(turns, trainer) for trainer in trainers)
 
 
-def _result(rounds: Sequence[Round], trainer: Trainer) -> Result:
-    samples = [one.samples[trainer.key] for one in rounds]
-    bounds = [bound_of(one.samples[trainer.key], trainer.physics, one.rates) for one in rounds]
+def _result(turns: Sequence[Round], trainer: Trainer) -> Result:
+    samples = [one.samples[trainer.key] for one in turns]
+    bounds = [bound_of(one.samples[trainer.key], trainer.physics, one.machine) for one in turns]
     pairs = list(zip(samples, bounds, strict=True))
 
     def spread(number: Callable[[Sample, Bound], float]) -> Spread:
@@ -85,11 +81,7 @@ def _result(rounds: Sequence[Round], trainer: Trainer) -> Result:
         rate=spread(lambda sample, _: sample.rate),
         rollout_seconds=spread(lambda sample, _: sample.rollout_seconds / sample.iterations),
         update_seconds=spread(lambda sample, _: sample.update_seconds / sample.iterations),
-        ratios={
-            peer: Spread.of([one.samples[trainer.key].rate / one.samples[peer].rate for one in rounds])
-            for peer in PEERS
-            if peer in rounds[0].samples
-        },
+        ratios=ratios(turns, trainer.key, PEERS),
         physics=trainer.physics,
         bound_rollout_seconds=spread(lambda _, bound: bound.rollout_seconds),
         bound_update_seconds=spread(lambda _, bound: bound.update_seconds),
@@ -98,19 +90,13 @@ def _result(rounds: Sequence[Round], trainer: Trainer) -> Result:
 
 
 @dataclass(frozen=True)
-class TrainingReport:
+class TrainingReport(rounds.Report):
     """Everything that one call of ``python -m tests.bench.training`` found.
 
     Attributes
     ----------
-    machine : dict
-        Processor, cores, load average before the first sample, versions.
-    settings : dict
-        The task, iterations a sample, seconds of a sample of the machine, rounds.
     results : tuple of Result
         The measured contenders.
-    missing : tuple of Missing
-        The others, and why.
     sgemm : Spread
         Floating-point operations per second in products of float32 matrices.
     sgemm_note : str
@@ -119,22 +105,14 @@ class TrainingReport:
         Env steps per second of those who do little else, by key.
     """
 
-    machine: dict[str, Any]
-    settings: dict[str, Any]
     results: tuple[Result, ...]
-    missing: tuple[Missing, ...]
     sgemm: Spread
     sgemm_note: str
     physics: dict[str, Spread]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it."""
-        return asdict(self)
-
-    def text(self) -> str:
-        """Return everything as a text for people."""
-        parts = (self._head(), self._table(), self._legend(), self._missing(), self._bound())
-        return "\n\n".join(part for part in parts if part)
+    def parts(self) -> tuple[str, ...]:
+        """Return the paragraphs of the text, the bound last."""
+        return self._head(), self._table(), self._legend(), self._bound()
 
     def _head(self) -> str:
         settings = self.settings
@@ -173,9 +151,6 @@ class TrainingReport:
             f"{f' ({one.note})' if one.note else ''}"
             for one in self.results
         )
-
-    def _missing(self) -> str:
-        return "\n".join(map(str, self.missing))
 
     def _bound(self) -> str:
         physics = ", ".join(f"{key} {rate.text(',.0f')}" for key, rate in self.physics.items())

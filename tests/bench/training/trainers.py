@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import tomllib
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from dappo_batch._core import SimulationError
 from dappo_batch.bench.contenders import Unavailable
 
-from .. import commands
+from .. import commands, rounds
 from ..commands import TrainingFailed, TrainingRun
-from ..entry import Entrant
-from ..worker import Worker, WorkerFailed
+from ..entry import Kept
 from .task import Task, pass_flops
 
 __all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
@@ -52,7 +51,7 @@ class Sample:
         return self.env_steps / self.seconds
 
 
-class Trainer(Entrant, ABC):
+class Trainer(rounds.Trainer[Sample]):
     """A way to train.
 
     Attributes
@@ -70,10 +69,6 @@ class Trainer(Entrant, ABC):
     def __init__(self, task: Task) -> None:
         self.require()
         self.num_envs, self.horizon = task.num_envs, task.horizon
-
-    @abstractmethod
-    def train(self, iterations: int) -> Sample:
-        """Train for some iterations, without a warm-up among them."""
 
 
 # A run ends with an evaluation, which nobody measures; with fewer damage classes it is shorter. The training
@@ -121,9 +116,9 @@ class Ours(Trainer):
             "ppo.kl_stop=1e9",
         ]
 
-    def train(self, iterations: int) -> Sample:
-        """Train for some iterations, without a warm-up among them."""
-        steps = (iterations + 1) * self.num_envs * self.horizon
+    def train(self, amount: int) -> Sample:
+        """Train for `amount` iterations, without a warm-up among them."""
+        steps = (amount + 1) * self.num_envs * self.horizon
         try:
             run = commands.train([*self._arguments, f"total_steps={steps}"], self._threads)
             return sample_of(run)
@@ -194,38 +189,20 @@ class AsConfigured(Ours):
         return [f"seed={task.seed}"]
 
 
-class Peer(Trainer):
-    """Somebody else's training, kept warm in a process of its own.
-
-    Attributes
-    ----------
-    program : str
-        Module and class that the process runs, see `tests.bench.worker`.
-    """
-
-    program: ClassVar[str]
+class Peer(Kept, Trainer):
+    """Somebody else's training."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
+        self.start(task)
         try:
-            self._worker = Worker(self.program, task)
-            self.note = self._worker.note
             self.train(1)  # what a first iteration allocates and loads must not be timed
-        except (WorkerFailed, SimulationError) as error:
+        except SimulationError as error:
             raise Unavailable(str(error)) from error
 
-    def train(self, iterations: int) -> Sample:
-        """Train for some iterations, without a warm-up among them."""
-        try:
-            answer: dict[str, Any] = self._worker.ask(iterations)
-        except WorkerFailed as error:
-            self.close()
-            raise SimulationError(f"{self.key}: {error}") from error
-        return Sample(**answer)
-
-    def close(self) -> None:
-        """Free processes and memory."""
-        self._worker.close()
+    def train(self, amount: int) -> Sample:
+        """Train for `amount` iterations, without a warm-up among them."""
+        return Sample(**self.ask(amount))
 
 
 class StableBaselines(Peer):

@@ -5,7 +5,7 @@ use dappo_learn::walk::{Episode, KnownClasses, Trial, Walks};
 use serde::Serialize;
 
 use super::Contest;
-use super::outcome::EpisodeOutcome;
+use super::outcome::{EpisodeOutcome, Reference, kept_speed};
 
 /// The outcome of one damage class. Forward rewards are Σ forward velocity over the steps of an episode from the
 /// damage on, in m/s, averaged over episodes.
@@ -34,14 +34,20 @@ pub struct ClassOutcome {
     pub given: Vec<GivenClass>,
     /// Examinations an episode.
     pub examinations: f64,
-    /// Episodes in which the robot walked as fast as the oracle, but for a fifth, some time after the diagnosis.
+    /// Episodes in which the robot recovered: it was diagnosed, and keeps four fifths of the oracle's speed to the end.
     pub recovered: usize,
     /// Median number of steps that this took from the damage on, where it happened.
     pub median_recovery: Option<f64>,
     /// Episodes that the controller ended in failure.
     pub falls: usize,
+    /// Episodes that it ended at less than a tenth of the speed before the damage.
+    pub stood_still: usize,
     /// Forward velocity before the damage, m/s.
     pub velocity_before: f64,
+    /// Forward velocity over the last 200 steps, m/s; a fallen robot has 0.
+    pub velocity_kept: f64,
+    /// The same of the oracle; `None` for damage that it does not know.
+    pub oracle_velocity_kept: Option<f64>,
     /// Forward reward of the controller.
     pub adapted: f64,
     /// Forward reward of the policy with the code of the damage in force; `None` for damage that it does not
@@ -74,10 +80,14 @@ impl ClassOutcome {
         let after = |walks: &Walks| average(walks, &struck, reward);
         let class = trial.classes[row];
         let known = classes.known[class];
-        let oracle = known.map(|_| average(&contest.oracle, &struck, speed));
+        let velocity_before = average(&contest.adapted, &struck, |episode| {
+            mean(episode.velocities.iter().take(episode.onset).copied())
+        });
+        let oracle_velocity_kept = known.map(|_| average(&contest.oracle, &struck, kept_speed));
+        let reference = Reference { oracle: oracle_velocity_kept, before: velocity_before };
         let adapted = || struck.iter().map(|&episode| &contest.adapted.episodes[episode]);
         let outcomes: Vec<EpisodeOutcome> =
-            adapted().map(|episode| EpisodeOutcome::new(episode, oracle)).collect();
+            adapted().map(|episode| EpisodeOutcome::new(episode, reference)).collect();
         let count = |holds: &dyn Fn(&EpisodeOutcome) -> bool| outcomes.iter().filter(|o| holds(o)).count();
         let steps = |of: fn(&EpisodeOutcome) -> Option<usize>| {
             outcomes.iter().filter_map(of).map(|steps| steps as f64)
@@ -98,9 +108,10 @@ impl ClassOutcome {
             recovered: count(&|outcome| outcome.recovery.is_some()),
             median_recovery: median(steps(|outcome| outcome.recovery)),
             falls: adapted().filter(|episode| episode.fell).count(),
-            velocity_before: average(&contest.adapted, &struck, |episode| {
-                mean(episode.velocities.iter().take(episode.onset).copied())
-            }),
+            stood_still: count(&|outcome| outcome.stands_still),
+            velocity_before,
+            velocity_kept: average(&contest.adapted, &struck, kept_speed),
+            oracle_velocity_kept,
             adapted: after(&contest.adapted),
             oracle: known.map(|_| after(&contest.oracle)),
             unadapted: after(&contest.unadapted),

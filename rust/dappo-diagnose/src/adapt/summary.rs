@@ -28,8 +28,18 @@ pub struct AdaptationSummary {
     pub right_at_first: Option<f64>,
     /// Share of them in which the policy had the code of the right class in the end.
     pub right_at_last: Option<f64>,
+    /// Share of them in which the robot recovered, of those that the policy knows.
+    pub recovered: Option<f64>,
+    /// Share of the damaged episodes at whose end the robot stood still.
+    pub stood_still: Option<f64>,
+    /// Share of them that ended in failure.
+    pub fell: Option<f64>,
+    /// Speed over the last 200 steps with the damages that the policy knows, as a share of the oracle's.
+    pub kept_of_oracle: Option<f64>,
+    /// The same as a share of the speed before the damage.
+    pub kept_of_healthy: Option<f64>,
     /// Mean forward reward over the damages that the policy knows, as a share of the oracle's.
-    pub recovered_share: Option<f64>,
+    pub adapted_share: Option<f64>,
     /// The same of the policy with the code of a healthy robot.
     pub unadapted_share: Option<f64>,
     /// The same of PPO-Unaware.
@@ -50,6 +60,9 @@ pub struct DecisionTime {
     /// Longest; most often the step of a diagnosis.
     pub longest: f64,
 }
+
+/// A number of a class, which not all classes may have.
+type Value<'a> = &'a dyn Fn(&ClassOutcome) -> Option<f64>;
 
 impl DecisionTime {
     fn new(robots: usize, seconds: &[f64]) -> Self {
@@ -105,13 +118,12 @@ impl AdaptationSummary {
             let counted: usize = of.iter().map(|outcome| count(outcome)).sum();
             (episodes > 0).then(|| counted as f64 / episodes as f64)
         };
-        let total = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| -> Option<f64> {
-            damaged.iter().filter(|outcome| outcome.oracle.is_some()).map(|outcome| reward(outcome)).sum()
-        };
-        let of_oracle = |reward: &dyn Fn(&ClassOutcome) -> Option<f64>| {
-            let oracle = total(&|outcome| outcome.oracle).filter(|oracle| *oracle > 0.0)?;
-            Some(total(reward)? / oracle)
-        };
+        let known: Vec<&ClassOutcome> =
+            damaged.iter().copied().filter(|outcome| outcome.oracle.is_some()).collect();
+        let total = |of: Value<'_>| -> Option<f64> { known.iter().map(|outcome| of(outcome)).sum() };
+        let ratio = |of: Value<'_>, to: Value<'_>| Some(total(of)? / total(to).filter(|to| *to > 0.0)?);
+        let of_oracle = |reward: Value<'_>| ratio(reward, &|outcome| outcome.oracle);
+        let kept = |outcome: &ClassOutcome| Some(outcome.velocity_kept);
         Self {
             healthy_without_alarm: share(&healthy, &|outcome| outcome.episodes - outcome.false_alarms),
             severe_episodes,
@@ -119,7 +131,12 @@ impl AdaptationSummary {
             severe_median_delay: median(delays.iter().map(|&delay| delay as f64)),
             right_at_first: share(&damaged, &|outcome| outcome.right_at_first),
             right_at_last: share(&damaged, &|outcome| outcome.right_at_last),
-            recovered_share: of_oracle(&|outcome| Some(outcome.adapted)),
+            recovered: share(&known, &|outcome| outcome.recovered),
+            stood_still: share(&damaged, &|outcome| outcome.stood_still),
+            fell: share(&damaged, &|outcome| outcome.falls),
+            kept_of_oracle: ratio(&kept, &|outcome| outcome.oracle_velocity_kept),
+            kept_of_healthy: ratio(&kept, &|outcome| Some(outcome.velocity_before)),
+            adapted_share: of_oracle(&|outcome| Some(outcome.adapted)),
             unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
             unaware_share: of_oracle(&|outcome| outcome.unaware),
             decision_ms,
@@ -153,7 +170,10 @@ impl AdaptationSummary {
             "recovered",
             "median_recovery",
             "falls",
+            "stood_still",
             "velocity_before",
+            "velocity_kept",
+            "oracle_velocity_kept",
             "adapted",
             "oracle",
             "unadapted",
@@ -179,7 +199,10 @@ impl AdaptationSummary {
                 c.recovered.to_string(),
                 optional(c.median_recovery, 1),
                 c.falls.to_string(),
+                c.stood_still.to_string(),
                 format!("{:.4}", c.velocity_before),
+                format!("{:.4}", c.velocity_kept),
+                optional(c.oracle_velocity_kept, 4),
                 format!("{:.2}", c.adapted),
                 optional(c.oracle, 2),
                 format!("{:.2}", c.unadapted),
@@ -254,8 +277,13 @@ mod tests {
         assert_eq!((summary.severe_episodes, summary.severe_detected), (2, Some(1.0)));
         assert_eq!(summary.severe_median_delay, Some(7.0));
         // (0.8 + 0.6) / (0.8 + 0.8) and (0.6 + 0.2) / 1.6, of 90 steps each.
-        assert!((summary.recovered_share.unwrap() - 0.875).abs() < 1e-12);
+        assert!((summary.adapted_share.unwrap() - 0.875).abs() < 1e-12);
         assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
+        // The speeds after the damage are constant: 1.4 of the oracle's 1.6 m/s, and of 2 · 1 m/s before.
+        assert!((summary.kept_of_oracle.unwrap() - 0.875).abs() < 1e-12);
+        assert!((summary.kept_of_healthy.unwrap() - 0.7).abs() < 1e-12);
+        // Nothing was diagnosed, so that nothing counts as recovered.
+        assert_eq!((summary.recovered, summary.stood_still, summary.fell), (Some(0.0), Some(0.0), Some(0.0)));
         assert_eq!(summary.unaware_share, None);
         let DecisionTime { robots, median, p99, longest } = summary.decision_ms;
         assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
@@ -263,6 +291,32 @@ mod tests {
         assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
         assert_eq!(summary.classes[1].ended_before, 0);
         assert!(AdaptationSummary::new(&Trial { episodes: 3, ..trial }, &known, &contest).is_err());
+    }
+
+    #[test]
+    fn robots_that_stand_still_and_that_fall_are_counted_apart_and_recover_in_neither_case() {
+        let diagnosed = |kept: f64, fell| {
+            let adapted = Event { robot: 0, step: 20, kind: EventKind::Adapted { class: 1 } };
+            let suspected = walk(1, 1.0, kept, Some(14));
+            Episode { events: [suspected.events.clone(), vec![adapted]].concat(), fell, ..suspected }
+        };
+        let walks = |episodes| Walks { episodes, decision_seconds: Vec::new() };
+        let contest = Contest {
+            adapted: walks(vec![diagnosed(0.6, false), diagnosed(0.05, false), diagnosed(0.6, true)]),
+            oracle: walks(vec![walk(1, 1.0, 0.6, None), walk(1, 1.0, 0.6, None), walk(1, 1.0, 0.0, None)]),
+            unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
+            unaware: None,
+        };
+        let known = all_known(&["healthy", "broken"]);
+        let summary = AdaptationSummary::new(&trial(vec![1], 3), &known, &contest).unwrap();
+        let class = &summary.classes[0];
+        assert_eq!((class.recovered, class.stood_still, class.falls), (1, 1, 1));
+        // The oracle keeps (0.6 + 0.6 + 0) / 3 = 0.4 m/s, the robot (0.6 + 0.05 + 0) / 3 = 0.2166….
+        assert!((class.oracle_velocity_kept.unwrap() - 0.4).abs() < 1e-12);
+        assert!((summary.kept_of_oracle.unwrap() - 0.65 / 1.2).abs() < 1e-12);
+        for share in [summary.recovered, summary.stood_still, summary.fell] {
+            assert!((share.unwrap() - 1.0 / 3.0).abs() < 1e-12);
+        }
     }
 
     #[test]
@@ -301,7 +355,7 @@ mod tests {
         let summary = AdaptationSummary::new(&trial, &known, &contest).unwrap();
         let class = &summary.classes[0];
         assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));
-        assert_eq!((class.oracle, class.median_recovery, summary.recovered_share), (None, None, None));
+        assert_eq!((class.oracle, class.median_recovery, summary.adapted_share), (None, None, None));
         let given = [("missing", 2), ("jammed", 1)];
         assert!(class.given.iter().map(|given| (given.name.as_str(), given.episodes)).eq(given));
         assert!(summary.csv().contains(",missing 2; jammed 1,"));

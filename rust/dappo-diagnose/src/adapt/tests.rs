@@ -67,6 +67,10 @@ impl EnvFactory for Factory {
         "none"
     }
 
+    fn control_period(&self) -> f64 {
+        0.01
+    }
+
     fn training_physics(&self) -> Physics {
         Physics::Mujoco
     }

@@ -36,6 +36,10 @@ pub struct RunSummary {
     pub env_steps: u64,
     /// Mean forward reward over all classes.
     pub forward_reward: f64,
+    /// Mean forward velocity over all classes, m/s.
+    pub forward_velocity: f64,
+    /// Mean distance of an episode over all classes, m.
+    pub distance: f64,
 }
 
 /// One side of a comparison: runs of one learner that differ in their seeds.
@@ -45,6 +49,10 @@ pub struct Side {
     pub encoding: Encoding,
     /// Mean forward reward over all classes and seeds.
     pub forward_reward: f64,
+    /// Mean forward velocity over all classes and seeds, m/s.
+    pub forward_velocity: f64,
+    /// Mean distance of an episode over all classes and seeds, m.
+    pub distance: f64,
     /// One run a seed.
     pub seeds: Vec<RunSummary>,
 }
@@ -220,9 +228,18 @@ fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
             seed: run.seed,
             env_steps: run.env_steps,
             forward_reward: run.evaluation.mean_forward_reward(),
+            forward_velocity: run.evaluation.all().forward_velocity,
+            distance: run.evaluation.all().distance,
         })
         .collect();
-    Side { encoding, forward_reward: mean(seeds.iter().map(|run| run.forward_reward)), seeds }
+    let over_seeds = |of: fn(&RunSummary) -> f64| mean(seeds.iter().map(of));
+    Side {
+        encoding,
+        forward_reward: over_seeds(|run| run.forward_reward),
+        forward_velocity: over_seeds(|run| run.forward_velocity),
+        distance: over_seeds(|run| run.distance),
+        seeds,
+    }
 }
 
 fn compare_classes(runs: &[RunEvaluation], others: &[RunEvaluation]) -> Vec<ClassComparison> {

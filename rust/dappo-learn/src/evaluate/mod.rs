@@ -55,21 +55,27 @@ pub fn evaluate(
     let trial = Trial::of_evaluation((0..space.classes().len()).collect(), config);
     let Some(walks) = trial.run(&mut agent, config, factory, stop)? else { return Ok(None) };
     let episodes = walks.episodes.chunks_exact(trial.episodes);
-    let results = space.classes().iter().zip(episodes).map(|(class, episodes)| summarize(class, episodes));
+    let period = factory.control_period();
+    let results = space.classes().iter().zip(episodes);
+    let results = results.map(|(class, episodes)| summarize(class, episodes, period));
     let simulator = factory.simulator(factory.evaluation_physics());
     Ok(Some(Evaluation::new(encoding, simulator, results.collect())))
 }
 
-/// The result of a class from its episodes.
-fn summarize(class: &DamageClass, episodes: &[Episode]) -> ClassResult {
+/// The result of a class from its episodes; `control_period` is the length of a step, s.
+fn summarize(class: &DamageClass, episodes: &[Episode], control_period: f64) -> ClassResult {
     let forward: Vec<f64> = episodes.iter().map(|episode| episode.forward_reward).collect();
+    let forward_reward = mean(forward.iter().copied());
+    let steps: usize = episodes.iter().map(|episode| episode.steps).sum();
     ClassResult {
         class: class.id,
         name: class.name.clone(),
         group: class.group.clone(),
         episodes: episodes.len(),
-        forward_reward: mean(forward.iter().copied()),
+        forward_reward,
         standard_error: standard_error(&forward),
+        forward_velocity: forward.iter().sum::<f64>() / steps as f64,
+        distance: forward_reward * control_period,
         episode_return: mean(episodes.iter().map(|episode| episode.episode_return)),
         episode_length: mean(episodes.iter().map(|episode| episode.steps as f64)),
         falls: episodes.iter().filter(|episode| episode.fell).count(),

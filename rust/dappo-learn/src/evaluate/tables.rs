@@ -26,6 +26,10 @@ pub struct ClassResult {
     pub forward_reward: f64,
     /// Standard error of that mean; NaN for a single episode.
     pub standard_error: f64,
+    /// Forward velocity over all steps of all episodes, m/s.
+    pub forward_velocity: f64,
+    /// Mean over episodes of the distance forward, m.
+    pub distance: f64,
     /// Mean of Σ reward.
     pub episode_return: f64,
     /// Mean number of steps.
@@ -50,6 +54,10 @@ pub struct GroupResult {
     /// Standard error of that mean over episodes, √(Σ s²) / classes with s the standard errors of the
     /// classes; NaN for a single episode a class. It does not include the spread between classes.
     pub standard_error: f64,
+    /// Mean of the classes' forward velocities, m/s.
+    pub forward_velocity: f64,
+    /// Mean of the classes' distances, m.
+    pub distance: f64,
     /// Episodes that ended in failure.
     pub falls: usize,
     /// Episodes among them that ended because the physics diverged.
@@ -87,6 +95,13 @@ impl Evaluation {
         run.write_evaluation(&self.encoding.file_name("groups", "csv"), &self.group_table())
     }
 
+    /// The group of all classes.
+    #[must_use]
+    pub fn all(&self) -> &GroupResult {
+        // It is the last one, and always there.
+        &self.groups[self.groups.len() - 1]
+    }
+
     /// Mean forward reward over all classes.
     #[must_use]
     pub fn mean_forward_reward(&self) -> f64 {
@@ -104,6 +119,8 @@ impl Evaluation {
                 "episodes",
                 "forward_reward",
                 "standard_error",
+                "forward_velocity",
+                "distance",
                 "episode_return",
                 "episode_length",
                 "falls",
@@ -120,6 +137,8 @@ impl Evaluation {
                 c.episodes.to_string(),
                 format!("{:.4}", c.forward_reward),
                 number(c.standard_error, 4),
+                format!("{:.6}", c.forward_velocity),
+                format!("{:.4}", c.distance),
                 format!("{:.4}", c.episode_return),
                 format!("{:.2}", c.episode_length),
                 c.falls.to_string(),
@@ -134,7 +153,17 @@ impl Evaluation {
     #[must_use]
     fn group_table(&self) -> String {
         let columns = [
-            &["group", "classes", "episodes", "forward_reward", "standard_error", "falls", "diverged"],
+            &[
+                "group",
+                "classes",
+                "episodes",
+                "forward_reward",
+                "standard_error",
+                "forward_velocity",
+                "distance",
+                "falls",
+                "diverged",
+            ],
             &Simulator::COLUMNS[..],
         ]
         .concat();
@@ -145,6 +174,8 @@ impl Evaluation {
                 g.episodes.to_string(),
                 format!("{:.4}", g.forward_reward),
                 number(g.standard_error, 4),
+                format!("{:.6}", g.forward_velocity),
+                format!("{:.4}", g.distance),
                 g.falls.to_string(),
                 g.diverged.to_string(),
             ];
@@ -238,6 +269,8 @@ fn group(name: &str, classes: &[&ClassResult]) -> GroupResult {
         episodes: classes.iter().map(|class| class.episodes).sum(),
         forward_reward: mean(classes.iter().map(|class| class.forward_reward)),
         standard_error: variance.sqrt() / classes.len() as f64,
+        forward_velocity: mean(classes.iter().map(|class| class.forward_velocity)),
+        distance: mean(classes.iter().map(|class| class.distance)),
         falls: classes.iter().map(|class| class.falls).sum(),
         diverged: classes.iter().map(|class| class.diverged).sum(),
     }
@@ -261,6 +294,8 @@ pub(super) mod tests {
             episodes: if standard_error.is_nan() { 1 } else { 4 },
             forward_reward,
             standard_error,
+            forward_velocity: forward_reward / 20.0,
+            distance: 0.05 * forward_reward,
             episode_return: 0.5,
             episode_length: 20.0,
             falls: class,
@@ -298,12 +333,14 @@ pub(super) mod tests {
     #[test]
     fn a_group_weighs_its_classes_equally_and_the_last_one_holds_them_all() {
         // D1: (4 + 7) / 2 = 5.5, √(3² + 4²) / 2 = 2.5. All: 20 / 4 = 5, √(2² + 3² + 4² + 6²) / 4 = √65 / 4 = 2.0156.
+        // Velocities are a twentieth of the rewards, as episodes have 20 steps; distances, too, as a step has 0.05 s.
         let expected = "\
-            group,classes,episodes,forward_reward,standard_error,falls,diverged,backend,precision,device,physics\n\
-            none,1,4,10.0000,2.0000,0,0,lanes,f64,cpu,rk4\n\
-            D1,2,8,5.5000,2.5000,3,1,lanes,f64,cpu,rk4\n\
-            D1_1 A,1,4,-1.0000,6.0000,3,1,lanes,f64,cpu,rk4\n\
-            all,4,16,5.0000,2.0156,6,2,lanes,f64,cpu,rk4\n";
+            group,classes,episodes,forward_reward,standard_error,forward_velocity,distance,falls,diverged,\
+            backend,precision,device,physics\n\
+            none,1,4,10.0000,2.0000,0.500000,0.5000,0,0,lanes,f64,cpu,rk4\n\
+            D1,2,8,5.5000,2.5000,0.275000,0.2750,3,1,lanes,f64,cpu,rk4\n\
+            D1_1 A,1,4,-1.0000,6.0000,-0.050000,-0.0500,3,1,lanes,f64,cpu,rk4\n\
+            all,4,16,5.0000,2.0156,0.250000,0.2500,6,2,lanes,f64,cpu,rk4\n";
         let evaluation = evaluation([2.0, 3.0, 4.0, 6.0]);
         assert_eq!(evaluation.group_table(), expected);
         assert_eq!(evaluation.mean_forward_reward(), 5.0);
@@ -313,8 +350,8 @@ pub(super) mod tests {
     fn a_single_episode_a_class_has_no_standard_error() {
         let evaluation = evaluation([f64::NAN; 4]);
         let rows: Vec<String> = evaluation.group_table().lines().skip(1).map(ToOwned::to_owned).collect();
-        assert_eq!(rows[1], "D1,2,2,5.5000,,3,1,lanes,f64,cpu,rk4");
-        assert_eq!(rows[3], "all,4,4,5.0000,,6,2,lanes,f64,cpu,rk4");
+        assert_eq!(rows[1], "D1,2,2,5.5000,,0.275000,0.2750,3,1,lanes,f64,cpu,rk4");
+        assert_eq!(rows[3], "all,4,4,5.0000,,0.250000,0.2500,6,2,lanes,f64,cpu,rk4");
         let row = evaluation.class_table().lines().nth(3).map(ToOwned::to_owned).unwrap();
         assert_eq!(row, "2,class 2,D1,1,7.0000,,0.5000,20.00,2,1,lanes,f64,cpu,rk4");
     }

@@ -45,6 +45,10 @@ impl EnvFactory for Factory {
         "none"
     }
 
+    fn control_period(&self) -> f64 {
+        0.01
+    }
+
     fn training_physics(&self) -> Physics {
         Physics::Mujoco
     }
@@ -215,6 +219,8 @@ fn falls_and_divergences_are_counted_in_their_own_class_and_once() {
         let c = class;
         assert_eq!((c.falls, c.diverged, c.forward_reward, c.episode_return, c.episode_length), expected);
         assert_eq!((c.episodes, c.standard_error), (EPISODES, 0.0));
+        // A step has 0.01 s.
+        assert_eq!((c.forward_velocity, c.distance), (expected.2 / expected.4, expected.2 * 0.01));
     }
     let all = found.groups.last().unwrap();
     assert_eq!((all.group.as_str(), all.falls, all.diverged), ("all", 2 * EPISODES, EPISODES));

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_learn::config::Config;
+use dappo_learn::episodes::EpisodeSummary;
 use dappo_learn::metrics::Metrics;
 use dappo_learn::train::Observer;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -28,13 +29,19 @@ pub struct Display<'a> {
     interrupted: Arc<AtomicBool>,
     iterations: u64,
     steps_an_iteration: u64,
-    last_forward: Option<f64>,
+    control_period: f64,
+    last_walked: String,
     diverged: u64,
 }
 
 impl<'a> Display<'a> {
-    /// A progress bar on a terminal, or one JSON object an iteration.
-    pub fn new(config: &Config, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
+    /// A progress bar on a terminal, or one JSON object an iteration. `control_period` is the length of an env step, s.
+    pub fn new(
+        config: &Config,
+        control_period: f64,
+        objects: Option<&'a Caller>,
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
         let bar = bar(config.total_steps, objects.is_none());
         let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
         Self {
@@ -43,7 +50,8 @@ impl<'a> Display<'a> {
             interrupted,
             iterations: config.total_steps.div_ceil(steps_an_iteration),
             steps_an_iteration,
-            last_forward: None,
+            control_period,
+            last_walked: "–".to_owned(),
             diverged: 0,
         }
     }
@@ -67,14 +75,18 @@ impl Observer for Display<'_> {
             caller.object(metrics);
             return;
         }
-        self.last_forward = metrics.episodes.forward_reward.or(self.last_forward);
-        let forward = self.last_forward.map_or("–".to_owned(), |forward| format!("{forward:.0}"));
+        let EpisodeSummary { forward_reward, episode_length, .. } = metrics.episodes;
+        if let Some((reward, length)) = forward_reward.zip(episode_length) {
+            let (velocity, distance) = (reward / length, reward * self.control_period);
+            self.last_walked = format!("{reward:.0} ({velocity:.2} m/s, {distance:.1} m)");
+        }
         let rate = self.steps_an_iteration as f64 / (metrics.rollout_seconds + metrics.update_seconds);
         let message = format!(
-            "iteration {}/{} · {} · forward reward {forward} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
+            "iteration {}/{} · {} · forward reward {} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
             metrics.iteration,
             self.iterations,
             metrics.stage,
+            self.last_walked,
             rate / 1000.0,
             metrics.rollout_seconds,
             metrics.update_seconds

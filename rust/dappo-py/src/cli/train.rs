@@ -47,7 +47,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
 
     let interrupted = caller.watch()?;
     let objects = arguments.json.then_some(caller);
-    let mut display = Display::new(&config, objects, Arc::clone(&interrupted));
+    let mut display = Display::new(&config, factory.control_period(), objects, Arc::clone(&interrupted));
     let outcome = pool.run(py, || train(&config, &factory, &run, resumption.as_ref(), &mut display));
     display.finish();
     let outcome = outcome?;

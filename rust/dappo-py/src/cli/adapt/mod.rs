@@ -59,7 +59,8 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
         };
         caller.object(&json!({ "trial": trial_json(&trial), "summary": summary, "events": events }));
     } else {
-        show::show(&summary, &contest, &trial, &scene.classes.known_names);
+        let period = scene.real.control_period();
+        show::show(&summary, &contest, &trial, &scene.classes.known_names, period);
     }
     // Last, so that nothing is lost where nothing can be drawn.
     if let (Some(path), Some(episode)) = (&arguments.video, contest.adapted.episodes.first()) {

@@ -1,6 +1,9 @@
 //! What a person sees of an evaluation.
 
-use dappo_learn::evaluate::{ALL, ComparisonSummary, Estimate, Evaluation, Gain, RunEvaluation, Side};
+use dappo_learn::evaluate::{
+    ComparisonSummary, Estimate, Evaluation, Gain, GroupResult, RunEvaluation, Side,
+};
+use dappo_learn::statistics::mean;
 use dappo_learn::walk::Encoding;
 
 use crate::cli::console::{Table, print_line};
@@ -12,7 +15,8 @@ pub fn show(evaluation: &Evaluation) {
 }
 
 fn classes(evaluation: &Evaluation) {
-    let mut table = Table::new(&["class", "<name", "<group", "forward reward", "± s.e.", "length", "falls"]);
+    let mut table =
+        Table::new(&["class", "<name", "<group", "forward reward", "± s.e.", "m/s", "m", "length", "falls"]);
     for c in &evaluation.classes {
         table.row([
             c.class.to_string(),
@@ -20,6 +24,8 @@ fn classes(evaluation: &Evaluation) {
             c.group.clone(),
             format!("{:.1}", c.forward_reward),
             error(c.standard_error),
+            format!("{:.2}", c.forward_velocity),
+            format!("{:.1}", c.distance),
             format!("{:.0}", c.episode_length),
             format!("{}/{}", c.falls, c.episodes),
         ]);
@@ -29,25 +35,27 @@ fn classes(evaluation: &Evaluation) {
 
 /// Prints the table of the groups and the mean over all classes.
 pub fn groups(evaluation: &Evaluation) {
-    let mut table = Table::new(&["<group", "classes", "forward reward", "± s.e.", "falls"]);
+    let mut table = Table::new(&["<group", "classes", "forward reward", "± s.e.", "m/s", "m", "falls"]);
     for g in &evaluation.groups {
         table.row([
             g.group.clone(),
             g.classes.to_string(),
             format!("{:.1}", g.forward_reward),
             error(g.standard_error),
+            format!("{:.2}", g.forward_velocity),
+            format!("{:.1}", g.distance),
             format!("{}/{}", g.falls, g.episodes),
         ]);
     }
     table.print();
-    let diverged: usize = evaluation.groups.iter().filter(|g| g.group == ALL).map(|g| g.diverged).sum();
-    if diverged > 0 {
-        print_line!("episodes among the falls that ended because the physics diverged: {diverged}");
+    let all = evaluation.all();
+    if all.diverged > 0 {
+        print_line!("episodes among the falls that ended because the physics diverged: {}", all.diverged);
     }
     print_line!(
-        "mean forward reward over {} classes: {:.1} (backend {}, {}){}",
-        evaluation.classes.len(),
-        evaluation.mean_forward_reward(),
+        "mean over {} damage classes: {} (backend {}, {}){}",
+        all.classes,
+        walked(all.forward_reward, all.forward_velocity, all.distance),
         evaluation.simulator.physics.backend(),
         evaluation.simulator.physics.precision(),
         encoding(evaluation.encoding)
@@ -59,10 +67,15 @@ pub fn seeds(runs: &[RunEvaluation]) {
     let means: Vec<f64> = runs.iter().map(|run| run.evaluation.mean_forward_reward()).collect();
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let over_runs = |of: fn(&GroupResult) -> f64| mean(runs.iter().map(|run| of(run.evaluation.all())));
     print_line!(
-        "mean forward reward of {} runs: {:.1}, from {low:.1} to {high:.1} ({})",
+        "mean of {} runs: {}, from {low:.1} to {high:.1} ({})",
         runs.len(),
-        means.iter().sum::<f64>() / means.len() as f64,
+        walked(
+            mean(means.iter().copied()),
+            over_runs(|all| all.forward_velocity),
+            over_runs(|all| all.distance)
+        ),
         seed_list(runs.iter().map(|run| run.seed))
     );
 }
@@ -72,8 +85,8 @@ pub fn comparison(summary: &ComparisonSummary) {
     print_line!("comparison of RUN ({}) with OTHER ({})", names(&summary.runs), names(&summary.others));
     for (name, side) in [("RUN", &summary.runs), ("OTHER", &summary.others)] {
         print_line!(
-            "  mean forward reward of {name}: {:.1} ({}){}",
-            side.forward_reward,
+            "  mean of {name}: {} ({}){}",
+            walked(side.forward_reward, side.forward_velocity, side.distance),
             seed_list(side.seeds.iter().map(|run| run.seed)),
             encoding(side.encoding)
         );
@@ -113,6 +126,11 @@ pub fn comparison(summary: &ComparisonSummary) {
         summary.resamples,
         summary.intervals_cover
     );
+}
+
+/// How far a robot walks in an episode: the forward reward, and the same in units that tell more.
+fn walked(forward_reward: f64, forward_velocity: f64, distance: f64) -> String {
+    format!("forward reward {forward_reward:.1}, {forward_velocity:.2} m/s, {distance:.1} m an episode")
 }
 
 fn names(side: &Side) -> String {

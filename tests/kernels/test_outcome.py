@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 wp = pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
 from dappo_batch import ClassTable
-from dappo_batch.kernels.reward import Judge, Outcome
+from dappo_batch.kernels.outcome import Judge, Outcome
 from dappo_batch.kernels.task import Task
 
 from .physics import Physics
