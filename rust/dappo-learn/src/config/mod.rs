@@ -7,6 +7,7 @@ mod assignment;
 mod changes;
 mod faults;
 mod layers;
+mod nearest;
 mod sift;
 
 use std::path::PathBuf;

@@ -4,6 +4,7 @@ use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 use super::faults::Faults;
+use super::nearest::nearest;
 
 /// A step on the way from the table to a value.
 #[derive(Debug, Clone)]
@@ -62,7 +63,8 @@ fn find<T: DeserializeOwned>(path: &[Step], value: &Value, faults: &mut Faults) 
     if let Some(at) = unknown {
         let key = name(&path[..=at]);
         if !faults.concern(&key) {
-            faults.add(&key, format!("is no setting: {message}"));
+            let meant = nearest::<T>(&key).map(|meant| format!("; did you mean `{meant}`?"));
+            faults.add(&key, format!("is no setting{}", meant.unwrap_or_else(|| format!(": {message}"))));
         }
         return true;
     }
