@@ -111,7 +111,10 @@ def _tiles(found: Sequence[Learner]) -> list[tuple[str, str]]:
     if pairs:
         relative, ahead = gain(*pairs[0])
         differs = ", budgets differ" if budget_differs(pairs[0]) else ""
-        tiles.append((relative, f"forward reward of {first.name} compared with {pairs[0][1].name}{differs}"))
+        if relative != "n/a":
+            tiles.append(
+                (relative, f"forward reward of {first.name} compared with {pairs[0][1].name}{differs}")
+            )
         tiles.append((ahead, f"damage classes in which {first.name} is ahead"))
     return tiles
 

@@ -10,7 +10,7 @@ from dappo_batch.report.figures import evaluation, training
 from dappo_batch.report.learners import Learner, learners, matched
 from dappo_batch.report.names import short_names
 from dappo_batch.report.overview import budget_differs, gain, overview
-from dappo_batch.report.page import Cell, Code, Part, Section, Values
+from dappo_batch.report.page import Cell, Code, Note, Part, Section, Values
 from dappo_batch.report.picture import Picture
 from dappo_batch.report.sources import Sources
 from dappo_batch.report.strips import strips
@@ -30,6 +30,8 @@ _CURVES = {
     "entropy": ("Entropy of the policy", "nats", False),
     "kl": ("KL divergence of an update", "nats", False),
 }
+_PAIRS = 4
+"""Most comparisons of two learners that are drawn, class by class."""
 _PLACES = {"A": "on adjacent limbs", "O": "on opposite limbs", "S": "on limbs neither adjacent nor opposite"}
 
 
@@ -86,11 +88,13 @@ def _of_robot(
     pairs = matched(comparable)
     pictures: list[Picture | None] = [
         evaluation.groups(robot, comparable, seconds),
-        *(evaluation.against(robot, *pair, number) for number, pair in enumerate(pairs)),
+        *(evaluation.against(robot, *pair, number) for number, pair in enumerate(pairs[:_PAIRS])),
         evaluation.encodings(robot, comparable, seconds),
     ]
     shown = [picture for picture in pictures if picture is not None]
-    parts = [*([_gains(pairs)] if pairs else []), _groups(comparable)]
+    parts: list[Part] = [*([_gains(pairs)] if pairs else []), _groups(comparable)]
+    if len(pairs) > _PAIRS:
+        parts.append(Note(f"Figures show the first {_PAIRS} of {len(pairs)} comparisons of the table."))
     pages.append(Section(f"{robot}-evaluation", f"{robot}: evaluation", parts, shown))
     bars = evaluation.classes(robot, comparable, seconds)
     pages.append(Section(f"{robot}-classes", f"{robot}: damage classes", (), bars))

@@ -14,7 +14,7 @@ from dappo_batch._core import DappoError
 from dappo_batch.envs import make_vec
 from dappo_batch.model import ClassTable, compile_class_table
 from dappo_batch.policy import Policy
-from dappo_batch.render import Walk, frames
+from dappo_batch.render import RenderError, Walk, frames
 from dappo_batch.report.learners import Learner
 from dappo_batch.report.page import Frame, Note, Strip, Text
 from dappo_batch.report.words import rounded
@@ -51,21 +51,23 @@ def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
         Of one robot, with the same damage classes.
     """
     damage = _typical(learners)
-    parts: list[Text | Strip | Note] = [
-        Text(
-            f"The first {_STEPS} env steps of an episode with {damage} from the start on, the same for all "
-            "learners: time, and distance along x. This damage class has the median forward reward of all, "
-            "mean over the learners. The damaged limbs are red."
-        )
-    ]
+    drawn: list[Strip] = []
+    notes: list[Note] = []
     for learner in learners[:_MOST]:
         try:
-            parts.append(_strip(learner, damage))
+            drawn.append(_strip(learner, damage))
         except DappoError as error:
-            return [*parts[1:], Note(f"There are no film strips of {learner.name}: {error}")]
+            notes.append(Note(f"There is no film strip of {learner.name}: {error}"))
+            if isinstance(error, RenderError):
+                break  # the next one would fail, too
     if len(learners) > _MOST:
-        parts.append(Note(f"These are the first {_MOST} of {len(learners)} learners."))
-    return parts
+        notes.append(Note(f"Film strips show the first {_MOST} of {len(learners)} learners."))
+    about = Text(
+        f"The first {_STEPS} env steps of an episode with {damage} from the start on, the same for all "
+        "learners: time, and distance along x. This damage class has the median forward reward of all, "
+        "mean over the learners. The damaged limbs are red."
+    )
+    return [*([about] if drawn else []), *drawn, *notes]
 
 
 def _typical(learners: Sequence[Learner]) -> str:
@@ -96,8 +98,8 @@ def _strip(learner: Learner, damage: str) -> Strip:
 
 def _episode(run: Run, damage: str) -> _Episode:
     """Simulate an episode with a run's own robot, from a start state that is the same for all runs."""
-    table = _class_table(run)
     policy = Policy.load(run.path, threads=1, robot_changed="use-run")
+    table = _class_table(run)
     robot = make_vec(table, damage=damage, observe_damage=False, threads=1)
     obs, _ = robot.reset(seed=0)
     positions, velocities = [_position(robot.get_state()[0])], []

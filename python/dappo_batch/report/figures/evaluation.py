@@ -180,7 +180,7 @@ def _dots(
                 )
             axes.scatter(mean, place, 17, color=how.colour, marker=how.marker, zorder=3)
         labels = [name.replace("+", " +\n") for name in names]
-        axes.set_yticks(range(len(names)), labels, fontsize=7.5, linespacing=0.95)
+        axes.set_yticks(range(len(names)), labels, fontsize=7.5, linespacing=1.05)
         axes.tick_params(axis="y", length=0)
         axes.set_ylim(len(names) - 0.5, -0.5)
         if reach is not None:

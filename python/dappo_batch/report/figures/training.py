@@ -18,7 +18,7 @@ from dappo_batch.report.words import grouped_digits
 __all__ = ["curves", "throughput"]
 
 _HEIGHT = 2.3
-_BAR = 0.34  # in, of a bar with its gap
+_BAR = 0.4  # in, of a bar with its gap
 _AROUND = 0.75  # in, above and below bars
 
 
@@ -94,20 +94,20 @@ def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
 
     def draw(width: float) -> Figure:
         figure, (axes,) = canvas(width, _AROUND + _BAR * len(learners))
+        labels = []
         for row, learner in enumerate(learners):
             millions = np.array(learner.env_steps) / 1e6
             start = 0.0
             for colour, part in zip(SERIES, parts, strict=False):
                 spent = [float(np.sum(run.metrics[f"{part}_seconds"])) for run in learner.runs]
                 seconds = float((np.array(spent) / millions).mean())
-                bar = axes.barh(row, seconds, 0.7, left=start, color=colour)
+                axes.barh(row, seconds, 0.7, left=start, color=colour)
                 start += seconds
             speed = f"{grouped_digits(round(1e6 / start))} env steps/s" if start > 0 else "n/a"
-            axes.bar_label(bar, [speed], padding=3, fontsize=8)
-        axes.set_yticks(range(len(learners)), [learner.name for learner in learners])
+            labels.append(f"{learner.name}\n{speed}")
+        axes.set_yticks(range(len(learners)), labels)
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
-        axes.set_xlim(right=axes.get_xlim()[1] * (1 + 1.1 / width))
         axes.set_xlabel("seconds for a million env steps", color=INK)
         return figure
 
