@@ -19,10 +19,12 @@ def write_run(
     encodings: Sequence[str] = (),
     total: int | None = None,
     errors: float | None = 0.5,
+    classes: Sequence[tuple[str, str]] = CLASSES,
     more: str = "",
 ) -> Path:
-    """Write a run with four damage classes and an iteration of 100 env steps for each forward reward.
+    """Write a run with an iteration of 100 env steps for each forward reward.
 
+    It is evaluated in some damage classes, given by name and group, with a reward each.
     Iteration i has i episodes, a fall rate of i / 10, and takes 2 s for the rollout and 3 s for the update.
     Every episode of the evaluation has 50 env steps, and `errors` are the standard errors of its rewards.
     """
@@ -53,7 +55,7 @@ def write_run(
     for number, encoding in enumerate(("", *encodings)):
         rows = "".join(
             f"{index},{name},{group},8,{reward - number},{'' if errors is None else errors},50.0\n"
-            for index, ((name, group), reward) in enumerate(zip(CLASSES, rewards, strict=True))
+            for index, ((name, group), reward) in enumerate(zip(classes, rewards, strict=True))
         )
         file = f"per_class.{encoding}.csv" if encoding else "per_class.csv"
         header = "class,name,group,episodes,forward_reward,standard_error,episode_length\n"
