@@ -63,9 +63,9 @@ def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
     if len(learners) > _MOST:
         notes.append(Note(f"Film strips show the first {_MOST} of {len(learners)} learners."))
     about = Text(
-        f"The first {_STEPS} env steps of an episode with {damage} from the start on, the same for all "
-        "learners: time, and distance along x. This damage class has the median forward reward of all, "
-        "mean over the learners. The damaged limbs are red."
+        f"The first {_STEPS} env steps of an episode with {damage} from the start on: time, and distance "
+        "along x. Damage class and start state are the same for all learners; the class has the median "
+        "forward reward of all damage classes, mean over the learners. The damaged limbs are red."
     )
     return [*([about] if drawn else []), *drawn, *notes]
 
