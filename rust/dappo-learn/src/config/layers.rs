@@ -6,9 +6,9 @@ use serde::de::DeserializeOwned;
 
 use super::Config;
 use super::assignment::Assignment;
-use super::faults::Faults;
 use super::sift::sift;
 use crate::error::LearnError;
+use crate::faults::Faults;
 use crate::ppo::PpoConfig;
 
 /// Parts of a dotted key at most. No setting has so many, and deep nesting would need a deep stack.

@@ -5,7 +5,6 @@
 
 mod assignment;
 mod changes;
-mod faults;
 mod layers;
 mod sift;
 
@@ -18,12 +17,11 @@ use dappo_sim::vector_env::Onset;
 use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
+use crate::faults::Faults;
 use crate::ppo::PpoConfig;
 
 pub use assignment::Assignment;
 pub use changes::{Change, change, changes};
-pub(crate) use faults::describe;
-pub use faults::{Fault, Faults};
 pub use layers::Layers;
 
 /// Envs at most: more do not fit the memory of any machine.
@@ -289,6 +287,6 @@ impl Config {
 
     /// Fails with all that is out of range.
     pub fn check(&self) -> Result<(), LearnError> {
-        self.faults().end()
+        Ok(self.faults().end()?)
     }
 }

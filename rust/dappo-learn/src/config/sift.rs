@@ -3,7 +3,7 @@
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use super::faults::Faults;
+use crate::faults::Faults;
 
 /// A step on the way from the table to a value.
 #[derive(Debug, Clone)]

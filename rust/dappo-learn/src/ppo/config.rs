@@ -3,8 +3,8 @@
 use dappo_nn::{Gradients, LearnerDevice};
 use serde::{Deserialize, Serialize};
 
-use crate::config::Faults;
 use crate::error::{LearnError, Result};
+use crate::faults::Faults;
 
 /// Passes and rows of a minibatch at most.
 const MOST_COUNT: u64 = i32::MAX as u64;
@@ -130,7 +130,7 @@ impl PpoConfig {
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();
         self.review(&mut faults);
-        faults.end()
+        Ok(faults.end()?)
     }
 
     /// Notes the settings outside their range.

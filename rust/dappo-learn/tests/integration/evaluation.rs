@@ -6,8 +6,8 @@ use crate::counter::{CODE, Counter, ROBOT, ROW};
 use crate::run_folder::{create, scratch};
 use dappo_learn::config::Config;
 use dappo_learn::envs::{EnvFactory, Sizes};
-use dappo_learn::evaluate::{Conditions, Evaluation, MeanActions, evaluate};
-use dappo_learn::walk::Encoding;
+use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
+use dappo_learn::walk::{Encoding, MeanActions};
 use dappo_sim::{Backend, DamageSpace, Physics, Precision, Robot, SimError};
 
 pub const CLASSES: usize = 33;

@@ -98,19 +98,19 @@ arguments! {
         /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
         /// [default: B]
         #[arg(long)]
-        pub method: Option<OneOf<Method>>,
+        pub method: Option<OneOf<Method>> => "method",
         /// Steps that it sees [default: all of the data]
         #[arg(long, value_name = "T", allow_negative_numbers = true)]
-        pub timesteps: Option<Count<1>>,
+        pub timesteps: Option<Count<1>> => "timesteps",
         /// Rollouts that are used, a fifth of them to validate on [default: all]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        pub rollouts: Option<Count<2>>,
+        pub rollouts: Option<Count<2>> => "rollouts",
         /// Seed of split, weights and order
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
-        pub seed: Option<AtLeast<0>>,
+        pub seed: Option<AtLeast<0>> => "seed",
         /// One output a damage class (classes), or one a limb and damage type (limbs)
         #[arg(long)]
-        pub head: Option<OneOf<Head>>,
+        pub head: Option<OneOf<Head>> => "head",
         /// Damage classes that are never trained on, comma separated names or ids
         #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
         pub held_out: Vec<String>,

@@ -1,12 +1,11 @@
 //! `dappo-batch evaluate`, and the evaluation at the end of a training.
 
 mod runs;
-mod show;
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use dappo_learn::config::Config;
-use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate};
+use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate, seeds_text};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::Encoding;
 use dappo_nn::Policy;
@@ -19,12 +18,12 @@ use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use runs::LoadedRun;
-pub use show::show;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
     let encoding = arguments.encoding.get();
     let pool = Pool::new(arguments.simulation.threads())?;
     let interrupted = caller.watch()?;
+    let stop = || interrupted.load(Ordering::Relaxed);
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
     let runs = runs::load(py, &pool, arguments, &arguments.runs, encoding, None)?;
     let others = runs::load(py, &pool, arguments, &arguments.compare, Encoding::True, runs.first())?;
@@ -33,16 +32,16 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     }
     let several = runs.len() + others.len() > 1;
     let evaluate = |runs: &[LoadedRun], encoding| {
-        evaluate_all(py, &pool, runs, encoding, &interrupted, |run, evaluation| {
+        evaluate_all(py, &pool, runs, encoding, &stop, |run, evaluation| {
             if arguments.json {
                 return;
             }
             if several {
                 // The tables of many runs would hide their comparison; each run folder holds its own.
                 console::write_line(&run.heading());
-                show::groups(evaluation);
+                console::print(&evaluation.group_text());
             } else {
-                show(evaluation);
+                console::print(&evaluation.text());
             }
         })
     };
@@ -59,9 +58,9 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     if arguments.json {
         caller.object(&json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison }));
     } else if let Some(comparison) = comparison {
-        show::comparison(&comparison.summary);
+        console::print(&comparison.summary.text());
     } else if several {
-        show::seeds(&evaluations);
+        console::print(&seeds_text(&evaluations));
     }
     Ok(0)
 }
@@ -72,13 +71,13 @@ fn evaluate_all(
     pool: &Pool,
     runs: &[LoadedRun],
     encoding: Encoding,
-    interrupted: &AtomicBool,
+    stop: &(dyn Fn() -> bool + Sync),
     report: impl Fn(&LoadedRun, &Evaluation),
 ) -> PyResult<Option<Vec<RunEvaluation>>> {
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
         let evaluation = pool.run(py, || {
-            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &run.folder, interrupted)
+            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &run.folder, stop)
         })?;
         let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
@@ -95,9 +94,9 @@ pub fn evaluate_and_save(
     encoding: Encoding,
     factory: &TableFactory,
     run: &RunFolder,
-    interrupted: &AtomicBool,
+    stop: &dyn Fn() -> bool,
 ) -> dappo_learn::Result<Option<Evaluation>> {
-    let evaluation = evaluate(policy, config, encoding, factory, &|| interrupted.load(Ordering::Relaxed))?;
+    let evaluation = evaluate(policy, config, encoding, factory, stop)?;
     if let Some(evaluation) = &evaluation {
         evaluation.write(run)?;
     }
