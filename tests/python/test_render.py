@@ -79,7 +79,9 @@ def test_limbs_are_red_from_the_step_on_in_which_the_damage_strikes(
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_png_shows_the_last_step_of_a_policy_or_a_controller(parts: Path, tmp_path: Path) -> None:
+def test_a_png_of_one_frame_shows_the_last_step_of_a_policy_or_a_controller(
+    parts: Path, tmp_path: Path
+) -> None:
     walks: dict[str, tuple[str | Path, ...]] = {
         "healthy": ("--damage", "healthy"),
         "damaged": ("--damage", "jammed_joint@0"),
@@ -87,10 +89,11 @@ def test_a_png_shows_the_last_step_of_a_policy_or_a_controller(parts: Path, tmp_
     }
     paths = {name: tmp_path / f"{name}.png" for name in walks}
     commands = [
-        ("render", parts / "ant", *walk, "--steps", "3", "--out", paths[name]) for name, walk in walks.items()
+        ("render", parts / "ant", *walk, "--steps", "3", "--strip", "1", "--out", paths[name])
+        for name, walk in walks.items()
     ]
     done = dappo_batch_many(*commands)
-    assert done == [(0, "", f"{path}: pictures 1, steps 3\n") for path in paths.values()]
+    assert done == [(0, "", f"{path}: frames 1, steps 3\n") for path in paths.values()]
     pictures = {name: decoded(path)[0][1] for name, path in paths.items()}
     assert pictures["healthy"].shape == (480, 640, 3)
     assert red(pictures["healthy"]) == 0
@@ -149,6 +152,11 @@ def test_what_cannot_be_used_is_refused_before_the_walk(parts: Path, tmp_path: P
         adapt(parts, "--video", tmp_path / "walk.avi"): (1, "expected one of .mp4, .gif, .png"),
         (*render_it, "--at", "9", "--steps", "9"): (1, "strike at step 9, but an episode has 9 steps"),
         (*render_it, "--damage", "missing_toe@7"): (1, "missing_toe@7"),
+        (*render_it, "--camera", "top"): (
+            1,
+            "camera is 'top', expected auto, left, right, front, back, or a camera",
+        ),
+        (*render_it, "--strip", "0"): (2, "--strip"),
         (*render_it, "--expert", parts / "ant"): (2, "--diagnoser"),
     }
     done = dappo_batch_many(*expected)

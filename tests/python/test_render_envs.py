@@ -59,8 +59,9 @@ def test_a_vector_env_gives_a_picture_of_each_env_equal_to_that_of_the_single_en
         env.reset(seed=5 + index, options={"damage_class": damage})
         np.testing.assert_array_equal(pictures[index], env.render())
     # The model of the damage alone looks the same as one that became it.
-    painter = LivePainter([ant_table.models[ant_table.space.parse(damages[1])]], "track", *PICTURE[:2])
-    np.testing.assert_array_equal(painter.draw(0, env.get_state()[0]), pictures[1])
+    painter = LivePainter(ant_table, *PICTURE[:2])
+    damage_class = ant_table.space.parse(damages[1])
+    np.testing.assert_array_equal(painter.draw(damage_class, env.get_state()[0]), pictures[1])
     painter.close()
     env.close()
     envs.close()

@@ -1,4 +1,4 @@
-"""Pictures into files: mp4, GIF and PNG."""
+"""Frames into files: mp4, GIF and PNG."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ Pictures = Iterable[NDArray[np.uint8]]
 
 _QUALITY = "20"  # of H.264: the smaller the better; artefacts are hardly seen
 _GIF_COLOURS = 48  # few materials, soft light: more colours are more noise to store
+_ROW = 4  # most pictures in a row of a PNG
+_GAP = 4  # pixels between two of them
 _PALETTE_SAMPLES = 8  # pictures of a GIF that its palette is chosen from
 
 
@@ -67,9 +69,16 @@ def write_gif(path: Path, pictures: Pictures, seconds: float) -> None:
 
 
 def write_png(path: Path, pictures: Pictures) -> None:
-    """Write the last picture, uint8[height, width, 3]."""
-    *_, last = pictures
-    Image.fromarray(last).save(path, format="PNG", optimize=True)
+    """Write all pictures, each uint8[height, width, 3], into one, in rows of at most `_ROW`."""
+    shown = list(pictures)
+    height, width = shown[0].shape[:2]
+    columns = math.ceil(len(shown) / math.ceil(len(shown) / _ROW))
+    rows = math.ceil(len(shown) / columns)
+    strip = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")
+    for index, picture in enumerate(shown):
+        row, column = divmod(index, columns)
+        strip.paste(Image.fromarray(picture), (column * (width + _GAP), row * (height + _GAP)))
+    strip.save(path, format="PNG", optimize=True)
 
 
 def _spooled(spool: IO[bytes], shape: tuple[int, ...], indices: Iterable[int]) -> Iterator[NDArray[np.uint8]]:
