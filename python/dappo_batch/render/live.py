@@ -55,7 +55,7 @@ class LivePainter:
 
     def __init__(self, table: ClassTable, height: int, width: int) -> None:
         self._table = table
-        self._scenery, self._size = with_scenery(table), (width, height)
+        self._scenery = with_scenery(table)
         self._view = view(table, table.models[0].qpos0[None], 1.0, aspect=width / height)
         self._live = Live(self._look(0), self._view, table.main_body, height, width)
         self._painter: subprocess.Popen[bytes] | None = None
@@ -90,7 +90,7 @@ class LivePainter:
 
     def _look(self, damage_class: int) -> mujoco.MjModel:
         model = painted(self._table, damage_class, self._scenery)
-        fit(model, self._view, *self._size)
+        fit(model, self._view)
         return model
 
     def close(self) -> None:

@@ -22,11 +22,11 @@ _LIMB = (0.36, 0.45, 0.55, 1.0)
 _TRUNK = (0.85, 0.62, 0.25, 1.0)
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's colour of a geom that has none
 _AMBIENT = 0.3  # of white light: what lies in the shade can still be told apart
-_SHADOW_PIXELS = 2048  # more take long without a graphics card
+_SHADOW_PIXELS = 1024  # more take long without a graphics card
 _SHADOW_REACHES = 1.25  # half of the area in which there are shadows; the robot's own fall on the floor in it
 _NEAR, _FAR = 0.02, 60.0  # what is drawn, in distances of the camera
-# Facets of round geoms: half of MuJoCo's, which nobody sees, take half of the time without a graphics card.
-_SLICES, _STACKS = 20, 10
+# Facets of round geoms: fewer than MuJoCo's, which take a third of the time without a graphics card.
+_SLICES, _STACKS = 16, 8
 _POSE = ("body_", "jnt_", "qpos", "geom_", "site_", "cam_", "tendon_")
 _LOOK = ("mat_", "light_")
 
@@ -71,15 +71,14 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: st
     classes = every[list(states)].tolist()
     models = looks(walk.table, classes)
     for model in models.values():
-        fit(model, seen, width, height)
+        fit(model, seen)
     chosen = replace(seen, lookat=seen.lookat[list(states)])
     return Scene(models, classes, walk.states[list(states)], chosen, width, height)
 
 
-def fit(model: mujoco.MjModel, seen: View, width: int, height: int) -> None:
-    """Let a model be drawn in frames of a size as a camera sees it."""
+def fit(model: mujoco.MjModel, seen: View) -> None:
+    """Let a model be drawn as a camera sees it."""
     settings, scale = model.vis, model.stat.extent
-    settings.global_.offwidth, settings.global_.offheight = width, height
     # Shadows are needed, and sharp, where the robot is.
     settings.map.shadowclip = _SHADOW_REACHES * seen.reach / scale
     _turn_lights(model, seen.azimuth)
