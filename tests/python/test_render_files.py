@@ -122,7 +122,7 @@ def test_captions_fit_into_the_picture_and_leave_the_rest_of_it_alone(size: tupl
     caption = Caption(
         "123.4 s   step 2468   -0.12 m/s",
         "damage: missing toe (back right) + jammed joint (front right)",
-        "controller: diagnosed as missing toe (back right) + jammed joint (front right) (100 %),"
+        "controller: diagnosed as missing toe (back right) + jammed joint (front right), confidence 100 %,"
         " policy adapted",
         damaged=True,
     )

@@ -55,14 +55,14 @@ def test_the_caption_follows_the_events_of_the_controller() -> None:
     assert findings(events, NAMES, ["left hind"], 13) == [
         *(["no damage suspected"] * 2),
         *(["damage suspected, examining"] * 2),
-        *(["diagnosed as missing toe (left hind) (97 %), policy adapted"] * 2),
+        *(["diagnosed as missing toe (left hind), confidence 97 %, policy adapted"] * 2),
         "damage suspected, examining",
-        "no diagnosis, at best jammed joint (left hind) (31 %)",
-        "no diagnosis, at best jammed joint (left hind) (31 %), readings lost",
-        "no diagnosis, at best jammed joint (left hind) (31 %)",
+        "no diagnosis: jammed joint (left hind), confidence 31 %",
+        "no diagnosis: jammed joint (left hind), confidence 31 %, readings lost",
+        "no diagnosis: jammed joint (left hind), confidence 31 %",
         "diagnosis withdrawn: missing toe (left hind), policy reset to healthy",
         "damage suspected, examining",
-        "diagnosed as healthy (90 %)",
+        "diagnosed as healthy, confidence 90 %",
     ]
 
 

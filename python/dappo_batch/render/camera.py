@@ -20,9 +20,13 @@ AUTO = "auto"
 SIDES = {"left": 90.0, "right": -90.0, "front": 0.0, "back": 180.0}
 """Where the camera stands, seen from the robot: degrees from +x towards +y."""
 
-# Of the distance at which a sphere around the robot fills the frame: robots are wider than high.
-_CLOSENESS = 0.95
-_HEADROOM = 0.12  # of the reach, above the robot, where the caption is
+_HEADROOM = 0.15  # of the robot's reach, above it, where the caption is
+_EDGES = (
+    0.9,
+    0.75,
+    0.9,
+)  # which the robot keeps within: sides, top and bottom; the edges of a frame are at 1
+_SHARE = 0.9  # of the states in which it does: limbs may be stretched for a moment
 _FOVY = 45.0  # degrees, MuJoCo's own
 _ELEVATION = -22.0  # degrees
 _BEARING = -120.0  # degrees: behind the robot on its right, so that it walks to the right in the picture
@@ -123,17 +127,31 @@ def view(
         bearing = _towards(seen.limbs[limbs], bearing)
     elif camera in SIDES:
         bearing = SIDES[camera]
-    half = math.radians(_FOVY / 2)
-    narrowest = min(half, math.atan(math.tan(half) * aspect))
+    azimuth, lookat = (bearing + 360.0) % 360.0 - 180.0, _lookat(seen, step_seconds)
     return View(
-        azimuth=(bearing + 360.0) % 360.0 - 180.0,
+        azimuth=azimuth,
         elevation=elevation,
-        distance=_CLOSENESS * seen.reach / math.sin(narrowest),
+        distance=_distance(seen, lookat, (math.radians(azimuth), math.radians(elevation)), aspect),
         fovy=_FOVY,
-        lookat=_lookat(seen, step_seconds),
+        lookat=lookat,
         reach=seen.reach,
         fixed=-1 if camera in (AUTO, *SIDES) else _camera_id(table.models[0], camera),
     )
+
+
+def _distance(
+    seen: Extent, lookat: NDArray[np.float64], direction: tuple[float, float], aspect: float
+) -> float:
+    """Return the least distance from which all of the robot is within the edges of the frame, m."""
+    azimuth, elevation = direction
+    right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+    ahead = np.array([-right[1] * math.cos(elevation), right[0] * math.cos(elevation), math.sin(elevation)])
+    points = seen.corners - lookat[seen.samples][:, None]
+    across, height, depth = points @ right, points @ np.cross(right, ahead), points @ ahead
+    sides, top, bottom = math.tan(math.radians(_FOVY / 2)) * np.array(_EDGES)
+    # A point at a depth beyond the place that is looked at is seen at the angle offset / (distance + depth).
+    needed = np.maximum.reduce([np.abs(across) / (sides * aspect), height / top, -height / bottom]) - depth
+    return float(np.quantile(needed.max(axis=1), _SHARE))
 
 
 def _camera_id(model: mujoco.MjModel, name: str) -> int:

@@ -93,8 +93,9 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
                 case "suspected":
                     found, adapted = "damage suspected, examining", ""
                 case "diagnosed":
-                    word = "diagnosed as" if event.accepted else "no diagnosis, at best"
-                    found, adapted = f"{word} {name} ({100 * (event.confidence or 0.0):.0f} %)", ""
+                    word = "diagnosed as" if event.accepted else "no diagnosis:"
+                    sure = f"confidence {100 * (event.confidence or 0.0):.0f} %"
+                    found, adapted = f"{word} {name}, {sure}", ""
                 case "withdrawn":
                     found, adapted = f"diagnosis withdrawn: {name}", ""
                 case "adapted":

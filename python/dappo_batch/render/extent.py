@@ -25,8 +25,12 @@ class Extent:
     ----------
     path : numpy.ndarray
         Position of the main body in every state, m, [T, 3].
+    samples : numpy.ndarray
+        The states in which the robot was measured, [S].
+    corners : numpy.ndarray
+        Corners of the bounding boxes of all that is drawn of the robot, in these states, m, [S, C, 3].
     reach : float
-        Radius of a sphere around the main body that holds all that is drawn of the robot, m.
+        Radius of a sphere around the main body that holds them, m.
     middle : float
         Height of the centre of that sphere above the main body, m.
     limbs : numpy.ndarray
@@ -35,6 +39,8 @@ class Extent:
     """
 
     path: NDArray[np.float64]
+    samples: NDArray[np.intp]
+    corners: NDArray[np.float64]
     reach: float
     middle: float
     limbs: NDArray[np.float64]
@@ -53,16 +59,17 @@ def extent(table: ClassTable, states: NDArray[np.float64]) -> Extent:
         mujoco.mj_kinematics(model, data)
         path[index] = data.xpos[main]
         if index in samples:
-            boxes.append(_corners(model, data, geoms) - path[index])
+            boxes.append(_corners(model, data, geoms))
             centres = [data.xipos[list(bodies)].mean(axis=0) for bodies in table.limb_bodies]
             limbs.append(np.array(centres)[:, :2] - path[index, :2])
     corners = np.array(boxes)
-    middle = float(np.median((corners[..., 2].min(axis=1) + corners[..., 2].max(axis=1)) / 2))
-    reach = float(np.linalg.norm(corners - [0.0, 0.0, middle], axis=2).max())
+    offsets = corners - path[samples][:, None]
+    middle = float(np.median((offsets[..., 2].min(axis=1) + offsets[..., 2].max(axis=1)) / 2))
+    reach = float(np.linalg.norm(offsets - [0.0, 0.0, middle], axis=2).max())
     outwards = np.mean(limbs, axis=0)
     lengths = np.linalg.norm(outwards, axis=1, keepdims=True)
     outwards = np.divide(outwards, lengths, out=np.zeros_like(outwards), where=lengths > 0.02 * reach)
-    return Extent(path, reach, middle, outwards)
+    return Extent(path, samples, corners, reach, middle, outwards)
 
 
 def _drawn(table: ClassTable) -> NDArray[np.intp]:
