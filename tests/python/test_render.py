@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
 import time
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from .. import processes
 from .command_line import TINY, dappo_batch_many, start
 from .command_line import dappo_batch as run
 
@@ -103,6 +106,25 @@ def test_a_png_of_one_frame_shows_the_last_step_of_a_policy_or_a_controller(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
+def test_a_terminal_shows_how_many_frames_are_drawn(parts: Path, tmp_path: Path) -> None:
+    screen, terminal = os.openpty()
+    path = tmp_path / "walk.gif"
+    command = ("render", parts / "ant", "--steps", "5", "--out", path)
+    process = processes.start([*processes.DAPPO_BATCH, *command], stderr=terminal)
+    os.close(terminal)
+    shown = b""
+    # The end of a terminal that nobody writes to any more is an error on Linux.
+    with contextlib.suppress(OSError):
+        while read := os.read(screen, 4096):
+            shown += read
+    os.close(screen)
+    assert process.wait(timeout=60) == 0
+    assert b"frame 6/6" in shown
+    assert f"{path.name}: frames 6, steps 5".encode() in shown
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
 def test_adapt_says_the_same_with_and_without_a_video(parts: Path, tmp_path: Path) -> None:
     path = tmp_path / "walk.mp4"
     done = dappo_batch_many(adapt(parts, "--json"), adapt(parts, "--json", "--video", path))
@@ -157,6 +179,7 @@ def test_what_cannot_be_used_is_refused_before_the_walk(parts: Path, tmp_path: P
             "camera is 'top', expected auto, left, right, front, back, or a camera",
         ),
         (*render_it, "--strip", "0"): (2, "--strip"),
+        (*render_it, "--strip", "65"): (1, "strip must be"),
         (*render_it, "--expert", parts / "ant"): (2, "--diagnoser"),
     }
     done = dappo_batch_many(*expected)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dappo_batch import ClassTable, ConfigError
 from dappo_batch.render import Walk, check_camera, frames
 from dappo_batch.render.camera import View, view
+from dappo_batch.render.painter import reduced
 from dappo_batch.render.scene import painted, scene
 from dappo_batch.render.scenery import with_scenery
 
@@ -223,3 +224,26 @@ def test_a_robot_whose_file_is_gone_is_shown_as_it_was_compiled(tmp_path: Path) 
     drawn = painted(table, 1, with_scenery(table))
     assert drawn.ntex == 0
     np.testing.assert_array_equal(drawn.jnt_range, table.models[1].jnt_range)
+
+
+@pytest.mark.parametrize("camera", ["auto", "left", "right", "front", "back"])
+def test_the_sun_shines_from_the_side_of_the_camera_at_the_height_that_the_model_gives(
+    camera: str, tmp_path: Path
+) -> None:
+    sun = '<worldbody><light type="directional" dir="0.6 0.64 -1.2"/></worldbody>'
+    walk = Walk(quadruped(tmp_path, 1.0, sun), walking(quadruped(tmp_path, 1.0, sun), 0.0, 2))
+    shown = scene(walk, [0], WIDTH, HEIGHT, camera)
+    direction = shown.models[0].light_dir[0]
+    # The length of (0.6, 0.64) is 0.877, that of all three 1.486.
+    assert direction[2] == pytest.approx(-1.2 / 1.486, abs=1e-3)
+    assert np.sort(np.abs(direction[:2])) == pytest.approx([0.0, 0.877 / 1.486], abs=1e-3)
+    azimuth = np.radians(shown.view.azimuth)
+    assert direction[:2] @ [np.cos(azimuth), np.sin(azimuth)] > -1e-6
+
+
+def test_smooth_frames_are_the_means_of_the_larger_ones_that_are_drawn() -> None:
+    drawn = np.random.default_rng(0).integers(0, 256, (12, 18, 3), dtype=np.uint8)
+    # Every pixel in four, then the means of squares of nine of those: exact areas.
+    finer = drawn.astype(float).repeat(2, axis=0).repeat(2, axis=1)
+    expected = finer.reshape(8, 3, 12, 3, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(reduced(drawn), expected, atol=0.51)

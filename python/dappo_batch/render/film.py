@@ -53,13 +53,14 @@ _FORMATS = {
 }
 
 
-def check(path: str | bytes | PathLike[str]) -> Path:
+def check(path: str | bytes | PathLike[str], strip: int = STRIP) -> Path:
     """Return a path that `write` can write to, before the work of a walk is spent.
 
     Raises
     ------
     ConfigError
-        If its ending is none of ``.mp4``, ``.gif`` and ``.png``, or its folder does not exist.
+        If its ending is none of ``.mp4``, ``.gif`` and ``.png``, its folder does not exist, or `strip` is not
+        from 1 to 64.
     MissingExtraError
         If packages are missing.
     """
@@ -68,6 +69,7 @@ def check(path: str | bytes | PathLike[str]) -> Path:
         raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
     if not file.parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
+    integer(strip, "strip", 1, MOST_FRAMES)
     _extras.require("video", "pictures")
     return file
 
@@ -115,7 +117,7 @@ def write(
     MissingExtraError, RenderError
         If packages are missing, or nothing can be drawn here; the message says what to install.
     """
-    file = check(path)
+    file = check(path, strip)
     kind = file.suffix.lower()
     form = _FORMATS[kind]
     of_walk(walk)
@@ -123,7 +125,6 @@ def write(
     if min(width, height) < 1 or (kind == ".mp4" and (width % 2 or height % 2)):
         even = " and even for an mp4" if kind == ".mp4" else ""
         raise ConfigError(f"size is {width} by {height}, expected at least 1 by 1{even}")
-    strip = integer(strip, "strip", 1, MOST_FRAMES)
     if kind == ".png":
         plan = Schedule(evenly(len(walk.states), strip), 1.0 / form.fastest)
     else:

@@ -18,7 +18,7 @@ from dappo_batch.render.camera import View
 from dappo_batch.render.live import Live, Pose
 from dappo_batch.render.scene import Scene, become
 
-__all__ = ["main", "paint"]
+__all__ = ["main", "paint", "reduced"]
 
 _LARGEST_SMOOTH = 4096  # pixels; OpenGL draws at most 16384
 _SAMPLES = 4  # of a pixel in other frames
@@ -80,7 +80,7 @@ class _Canvas:
         self._bring_lights(lookat, start)
         self._renderer.update_scene(self.data, self._camera)
         frame: NDArray[np.uint8] = self._renderer.render()
-        return _reduced(frame) if self._is_larger else frame
+        return reduced(frame) if self._is_larger else frame
 
     def _bring_lights(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> None:
         """Let the lights of the world follow the robot, on a floor that has no end.
@@ -98,7 +98,7 @@ class _Canvas:
                 data.light_xpos[light, :2] += lookat[:2] - start[:2]
 
 
-def _reduced(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def reduced(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return two thirds of the height and width of a frame, each pixel the mean of the area below it."""
     height, width = frame.shape[0] * 2 // 3, frame.shape[1] * 2 // 3
     rows = np.empty((height, frame.shape[1], 3), np.uint16)

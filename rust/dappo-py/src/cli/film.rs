@@ -29,9 +29,12 @@ pub struct Film<'a> {
     pub factory: &'a TableFactory,
 }
 
-/// Refuses a file that could not be written, before a walk is spent on it.
-pub fn check(py: Python<'_>, path: &Path) -> PyResult<()> {
-    render(py)?.call_method1("check", (path,)).map(drop)
+/// Refuses a file that could not be written, or too many frames of a strip, before a walk is spent on it.
+pub fn check(py: Python<'_>, path: &Path, strip: Option<usize>) -> PyResult<()> {
+    match strip {
+        Some(frames) => render(py)?.call_method1("check", (path, frames)).map(drop),
+        None => render(py)?.call_method1("check", (path,)).map(drop),
+    }
 }
 
 /// Refuses a camera that the robot does not have, before a walk is spent on it.

@@ -43,7 +43,7 @@ struct Scene {
 pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
     let wanted = arguments.controller.config().or_raise()?;
     if let Some(path) = &arguments.video {
-        film::check(py, path)?;
+        film::check(py, path, None)?;
     }
     let pool = Pool::new(arguments.simulation.threads())?;
     let scene = Scene::open(py, arguments)?;
