@@ -1,4 +1,4 @@
-"""Tell from a log what is broken: observations and actions of a few steps, and a simulated healthy twin.
+"""Diagnose a log: observations and actions of a few steps, and a simulated healthy twin.
 
 Usage: ``python docs/examples/diagnose_log.py [FOLDER]``. The trainings are far too short to be good.
 """
@@ -19,7 +19,7 @@ STEPS = 10
 
 
 def log_of_a_walk(policy: dappo_batch.Policy) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Let a damaged robot walk; return what it observed, [T + 1, O], and did, [T, A]."""
+    """Simulate a damaged robot; return its observations, [T + 1, O], and actions, [T, A]."""
     envs = dappo_batch.make_vec("ant", num_envs=1, damage=DAMAGE, seed=3, observe_damage=False)
     seen, _ = envs.reset()
     obs, actions = [seen[0]], []
@@ -32,7 +32,7 @@ def log_of_a_walk(policy: dappo_batch.Policy) -> tuple[NDArray[np.float32], NDAr
 
 
 def main(folder: Path) -> None:
-    """Train an expert and a diagnoser, then look at a log."""
+    """Train an expert and a diagnoser, then diagnose a log."""
     expert, pairs, out = folder / "expert", folder / "pairs", folder / "diagnoser"
     quick = {"evaluation.episodes": 1}
     dappo_batch.train(expert, robot="ant", healthy=True, num_envs=64, total_steps=100_000, set=quick)

@@ -1,7 +1,7 @@
-"""Drive a robot from an export folder while joints of it jam: NumPy and onnxruntime decide.
+"""Control a robot with an export folder while joints of it jam, with NumPy and onnxruntime.
 
-MuJoCo simulates the healthy twin, and stands in for the robot. Nothing else is needed. A policy that was
-exported without a diagnoser walks as if nothing had happened.
+MuJoCo simulates the healthy twin and the robot. Nothing else is needed. A policy that was exported without
+a diagnoser does not adapt.
 
 Usage: ``python docs/examples/drive_exported.py FOLDER [JOINT ...]``, by default two hips of an Ant
 """
@@ -41,14 +41,14 @@ class Body:
         self.data = mujoco.MjData(self.model)
 
     def step(self, action: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Take a control step; return what is observed."""
+        """Take a control step; return the observation."""
         self.data.ctrl = self.spec["action_scale"] * np.clip(action, -1, 1)
         mujoco.mj_step(self.model, self.data, self.spec["frame_skip"])
         mujoco.mj_rnePostConstraint(self.model, self.data)  # contact forces
         return self.observe()
 
     def observe(self) -> NDArray[np.float32]:
-        """Form the observation, block by block."""
+        """Return the observation, block by block."""
         blocks: list[ArrayLike] = []
         for term in self.spec["observation"]:
             if term["term"] == "cfrc_ext":
@@ -59,43 +59,43 @@ class Body:
                 blocks.append(getattr(self.data, term["term"])[term.get("skip", 0) :])
         return np.concatenate(blocks).astype(np.float32)
 
-    def put_beside(self, obs: NDArray[np.float32]) -> None:
-        """Take the state that is observed; x and y do not matter on a level floor."""
+    def synchronise(self, obs: NDArray[np.float32]) -> None:
+        """Set the observed state; x and y do not matter on a level floor."""
         mujoco.mj_resetData(self.model, self.data)
         seen = self.model.nq - 2
         self.data.qpos, self.data.qvel = [0, 0, *obs[:seen]], obs[seen : seen + self.model.nv]
         mujoco.mj_forward(self.model, self.data)
 
 
-class Unadapted:
-    """Walks, and is told nothing."""
+class PolicyAlone:
+    """The policy with the code of the healthy robot."""
 
     def __init__(self, folder: Path) -> None:
         export = json.loads((folder / "export.json").read_text())
-        self.unhurt = np.zeros(export["policy"]["code_length"])
+        self.healthy_code = np.zeros(export["policy"]["code_length"])
         self.policy = network(folder / export["policy"]["onnx"])
 
     def act(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
         """Choose the next action."""
-        return self.policy(np.concatenate([obs, self.unhurt]))[0]
+        return self.policy(np.concatenate([obs, self.healthy_code]))[0]
 
 
-class Adapter:
-    """Walks, suspects damage, has it examined, and walks on, told what was found."""
+class Controller:
+    """A controller: suspicion, diagnosis window, diagnosis, adaptation."""
 
     def __init__(self, folder: Path) -> None:
         self.export = json.loads((folder / "export.json").read_text())
         self.settings, self.classes = self.export["controller"], self.export["classes"]
-        self.led = self.export["twin"]  # how the twin is made and led
-        self.twin = Body(folder, self.led)
+        self.twin_spec = self.export["twin"]  # how the twin is simulated
+        self.twin = Body(folder, self.twin_spec)
         expert = self.export["expert"] or self.export["policy"]
-        self.unhurt = np.zeros(expert["code_length"])
+        self.healthy_code = np.zeros(expert["code_length"])
         self.policy = network(folder / self.export["policy"]["onnx"])
         self.expert = network(folder / expert["onnx"])
         self.diagnoser = network(folder / self.export["diagnoser"]["onnx"])
-        self.told, self.step, self.rest = 0, 0, self.settings["cooldown"]
+        self.assumed, self.step, self.cooldown = 0, 0, self.settings["cooldown"]
         self.residuals: deque[float] = deque(maxlen=self.settings["residual_window"])
-        self.window: list[NDArray[np.float32]] | None = None  # the steps of an examination
+        self.window: list[NDArray[np.float32]] | None = None  # the diagnosis window
         self.predicted: NDArray[np.float32] | None = None  # by the twin
         self.events: list[tuple[int, str]] = []
 
@@ -109,72 +109,72 @@ class Adapter:
         elif self.is_suspicious(obs):
             self.window = []
         walker = self.policy if self.window is None else self.expert
-        code = self.classes[self.told]["code"] if self.window is None else self.unhurt
+        code = self.classes[self.assumed]["code"] if self.window is None else self.healthy_code
         action, self.mean_action = walker(np.concatenate([obs, code]))
-        self.predicted = self.lead_twin(obs, self.mean_action)
+        self.predicted = self.step_twin(obs, self.mean_action)
         self.step += 1
         return action
 
     def is_suspicious(self, obs: NDArray[np.float32]) -> bool:
         """Compare the robot with its twin over the last steps."""
         if self.predicted is not None:
-            scale = np.array(self.led["residual_scale"], np.float32)
+            scale = np.array(self.twin_spec["residual_scale"], np.float32)
             bound = self.export["policy"]["clip"]
             differences = np.clip((self.predicted - obs) * scale, -bound, bound)[scale > 0]
             self.residuals.append(float(np.sqrt(np.mean(differences**2))))
-        self.rest -= 1
-        if self.rest >= 0 or len(self.residuals) < self.settings["residual_window"]:
+        self.cooldown -= 1
+        if self.cooldown >= 0 or len(self.residuals) < self.settings["residual_window"]:
             return False
         median = sorted(self.residuals)[len(self.residuals) // 2]
         if median > self.settings["residual_threshold"]:
-            self.tell(f"differs from its twin by {median:.2f}, an examination begins")
+            self.record(f"residual {median:.2f}: suspicion, the diagnosis window begins")
             return True
         return False
 
     def diagnose(self) -> None:
-        """Name the damage from a full window."""
+        """Classify the damage from a full window."""
         (probabilities,) = self.diagnoser(np.array(self.window))
         likeliest = int(np.argmax(probabilities))
-        self.tell(f"diagnosis: {self.classes[likeliest]['name']}, {probabilities[likeliest]:.1%} certain")
+        self.record(f"diagnosis: {self.classes[likeliest]['name']}, {probabilities[likeliest]:.1%} certain")
         if probabilities[likeliest] >= self.settings["confidence"]:
-            self.told = likeliest
-        self.window, self.rest = None, self.settings["cooldown"]
+            self.assumed = likeliest
+        self.window, self.cooldown = None, self.settings["cooldown"]
         self.residuals.clear()
 
-    def lead_twin(self, obs: NDArray[np.float32], action: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Let the healthy twin take a step beside the robot, unless that is known to be damaged."""
-        if self.told != 0 and self.window is None:
+    def step_twin(self, obs: NDArray[np.float32], action: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Step the healthy twin with the robot, until a damage is assumed."""
+        if self.assumed != 0 and self.window is None:
             return None
-        row, resync = len(self.window or ()), self.led["resync"]
+        row, resync = len(self.window or ()), self.twin_spec["resync"]
         if row == 0 or (resync > 0 and row % resync == 0):
-            self.twin.put_beside(obs)
+            self.twin.synchronise(obs)
             self.predicted = obs
-        if self.window is not None and self.led["action"] == "own":
-            _, action = self.expert(np.concatenate([self.predicted, self.unhurt]))
+        if self.window is not None and self.twin_spec["action"] == "own":
+            _, action = self.expert(np.concatenate([self.predicted, self.healthy_code]))
         return self.twin.step(action)
 
-    def tell(self, event: str) -> None:
-        """Note and print what happens."""
+    def record(self, event: str) -> None:
+        """Record and print an event."""
         self.events.append((self.step, event))
         print(f"step {self.step:4}: {event}")
 
 
 def main() -> None:
-    """Walk, break, find out, walk on."""
+    """Simulate damage in mid-episode under the exported controller."""
     folder, joints = Path(sys.argv[1]), sys.argv[2:] or JOINTS
     export = json.loads((folder / "export.json").read_text())
-    walker = Adapter(folder) if export["diagnoser"] else Unadapted(folder)
+    walker = Controller(folder) if export["diagnoser"] else PolicyAlone(folder)
     robot = Body(folder, export["twin"])
     places, obs = [robot.data.qpos[0]], robot.observe()
     for step in range(STEPS):
         if step == ONSET:
             for name in joints:
                 robot.model.joint(name).range = JAMMED
-            print(f"step {step:4}: {' and '.join(joints)} jam, and nobody tells the controller")
+            print(f"step {step:4}: {' and '.join(joints)} jam")
         obs = robot.step(walker.act(obs))
         places.append(robot.data.qpos[0])
-    if isinstance(walker, Adapter):
-        print(f"told: {walker.classes[walker.told]['name']}")
+    if isinstance(walker, Controller):
+        print(f"assumed class: {walker.classes[walker.assumed]['name']}")
     for first, last in ((0, ONSET), (ONSET, ONSET + 100), (ONSET + 100, STEPS)):
         seconds = (last - first) * export["control_period"]
         print(f"steps {first:4} to {last:4}: {(places[last] - places[first]) / seconds:.2f} m/s")

@@ -1,4 +1,4 @@
-"""Let a toe break off in the middle of an episode, and watch the observation announce it.
+"""Simulate damage in mid-episode and print how the damage code in the observation changes.
 
 Usage: ``python docs/examples/onset_mid_episode.py``
 """
@@ -10,7 +10,7 @@ import numpy as np
 import dappo_batch
 
 DAMAGE = "missing_toe@2"
-ONSET = 100  # the damage acts from the 101st step of the episode on
+ONSET = 100  # the damage is active from the 101st step of the episode on
 STEPS = 150
 
 
@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def report(when: str, classes: np.ndarray, codes: np.ndarray, names: list[str]) -> None:
-    """Print the class in force and the damage code that the policy sees, for both envs."""
+    """Print the active damage class and the damage code in the observation, for both envs."""
     for env, (damage_class, code) in enumerate(zip(classes, codes, strict=True)):
         bits = "".join(str(int(bit)) for bit in code)
         print(f"{when:<9} env {env}: {names[damage_class]:<14} code {bits}")

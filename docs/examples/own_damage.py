@@ -21,7 +21,7 @@ from dappo_batch import DamageType, Limb
 @dappo_batch.register_damage_type
 @dataclass(frozen=True)
 class RustyJoints(DamageType):
-    """All joints of the limb turn hard."""
+    """All joints of the limb have more damping."""
 
     factor: float  # damping at severity 1, as a multiple of the healthy one
     name: ClassVar[str] = "rusty_joints"
@@ -34,7 +34,7 @@ class RustyJoints(DamageType):
 
 
 def main(folder: Path, steps: int) -> None:
-    """Train with the new type beside one of the package, and show what each class of it costs."""
+    """Train with the new type and one of the package, and print the forward reward of each class."""
     settings = {
         "damage": {
             "types": ["missing_toe", "rusty_joints"],
@@ -46,7 +46,7 @@ def main(folder: Path, steps: int) -> None:
     run = dappo_batch.train(folder / "run", robot="ant", num_envs=64, total_steps=steps, set=settings)
     classes = run.per_class["true"]
     for name, reward in zip(classes["name"], classes["forward_reward"], strict=True):
-        print(f"{name:<16} {reward:8.1f}")
+        print(f"{name:<16} {reward:8.1f}")  # m/s, summed over steps
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ STEPS = 200
 
 
 def main() -> None:
-    """Average the forward velocity over all steps that a damage class was in force."""
+    """Average the forward velocity over all steps in which a damage class was active."""
     rng = np.random.default_rng(0)
     envs = dappo_batch.make_vec("ant", num_envs=NUM_ENVS, damage="uniform", seed=0)
     classes = envs.table.space.classes

@@ -8,7 +8,7 @@ learners and seeds stay:
 - ``curves.svg``: the curves, a line for the mean over the seeds of a learner and a band from the lowest to
   the highest seed.
 
-It needs nothing but Python.
+It needs only Python.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SPANS = 50
 
 @dataclass(frozen=True)
 class Run:
-    """One training run: who learned, and what it left behind."""
+    """One training run: its learner and its files."""
 
     learner: str
     seed: int
@@ -89,7 +89,7 @@ def read(folder: Path) -> Run:
 
 
 def learner(config: dict[str, Any]) -> str:
-    """Name who learned; the scale of a code that nobody observes is left out."""
+    """Return the name of the learner; the scale of an unobserved code is left out."""
     if not config["env"]["observe_damage"]:
         return "PPO-Unaware"
     return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}"
@@ -111,12 +111,12 @@ def curve(lines: Iterable[dict[str, Any]], total_steps: int) -> list[dict[str, f
 
 
 def tag(run: Run) -> dict[str, Any]:
-    """Name the run in a row of a table."""
+    """Identify the run in a row of a table."""
     return {"learner": run.learner, "seed": run.seed}
 
 
 def rounded(point: dict[str, float]) -> dict[str, Any]:
-    """Drop digits that mean nothing."""
+    """Drop insignificant digits."""
     digits = {key: round(point[key], 1) for key in ("seconds", "forward_reward")}
     return {"env_steps": int(point["env_steps"])} | digits
 

@@ -1,13 +1,13 @@
 """Compare the two learners of a results page, from its table.
 
 Usage: ``python docs/results/compare.py [--column episode_return] NAME [SEED...]`` reads
-``docs/results/NAME/per_class.csv`` and prints, for all seeds or for those given, the mean of a column (the
-forward reward, if none is named) for each learner, the gain of DA-PPO over PPO-Unaware with its interval, the
+``docs/results/NAME/per_class.csv`` and prints, for all seeds or for those given, the mean of a column (by
+default the forward reward) for each learner, the gain of DA-PPO over PPO-Unaware with its interval, the
 classes in which it is ahead, and the groups of damage classes.
 
 Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
 classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does
-the last digit. It needs nothing but Python.
+the last digit. It needs only Python.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def rewards(rows: list[dict[str, str]], learner: str, column: str) -> Rewards:
-    """Pick one learner's column."""
+    """Select one learner's column."""
     found: Rewards = defaultdict(dict)
     for row in rows:
         if row["learner"] == learner:
@@ -71,7 +71,7 @@ def over_seeds(side: Rewards, names: list[str]) -> float:
 
 
 def gain(aware: Rewards, unaware: Rewards, names: list[str]) -> str:
-    """Say how much more DA-PPO reaches, with an interval."""
+    """Format the gain of DA-PPO, with an interval."""
     draw = random.Random(0)
     sides = [list(side.values()) for side in (aware, unaware)]
     ratios = []

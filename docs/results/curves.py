@@ -11,6 +11,14 @@ from statistics import mean
 
 WIDTH, HEIGHT, MARGIN = 640, 360, 56
 COLOURS = ("#0b6e99", "#c2571a", "#4f7d2a", "#7d4f99")
+DARK = {
+    **dict(zip(COLOURS, ("#5ab4dd", "#f0975e", "#9ac774", "#c59ae0"), strict=True)),
+    "white": "#14181d",
+    "#ddd": "#3a424b",
+    "#777": "#9198a1",
+    "#555": "#b3bac2",
+}
+"""What replaces the colours where the reader prefers dark pages."""
 
 Curve = Sequence[Mapping[str, float]]
 """Points of one run, each with ``forward_reward`` and the quantity along the axis."""
@@ -49,9 +57,17 @@ def picture(learners: Mapping[str, Sequence[Curve]], across: Across) -> str:
         )
         label = f"{name}, {len(curves)} seed{'s' if len(curves) > 1 else ''}"
         shapes.append(f'<text x="{MARGIN + 12}" y="{MARGIN + 18 * line}" fill="{colour}">{label}</text>')
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
-    style = 'font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="white"/>'
-    return "\n".join([f"{head} {style}", *shapes, "</svg>\n"])
+    return document(WIDTH, HEIGHT, shapes)
+
+
+def document(width: int, height: int, shapes: Iterable[str]) -> str:
+    """Put shapes on an opaque background, light or dark, so that every page shows them well."""
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}"'
+    rules = [f'[{of}="{light}"]{{{of}:{dark}}}' for light, dark in DARK.items() for of in ("fill", "stroke")]
+    style = f"<style>@media (prefers-color-scheme:dark){{text{{fill:#e6e6e6}}{''.join(rules)}}}</style>"
+    back = '<rect width="100%" height="100%" fill="white"/>'
+    font = 'font-family="sans-serif" font-size="15">'
+    return "\n".join([f"{head} {font}{style}{back}", *shapes, "</svg>\n"])
 
 
 @dataclass(frozen=True)
@@ -92,5 +108,6 @@ def axes(scale: Scale, across: Across) -> str:
             f"{across.tick.format(place / across.unit)}</text>",
         ]
     shapes.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">{across.label}</text>')
-    shapes.append(f'<text x="{MARGIN - 40}" y="{MARGIN - 20}">forward reward of an episode</text>')
+    title = "forward reward of an episode, m/s summed over steps"
+    shapes.append(f'<text x="{MARGIN - 40}" y="{MARGIN - 20}">{title}</text>')
     return "\n".join(shapes)

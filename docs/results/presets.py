@@ -1,9 +1,9 @@
-"""Draw the presets side by side: forward reward over minutes of training.
+"""Draw the presets in one figure: forward reward over minutes of training.
 
 Usage: ``python docs/results/presets.py PRESET=RUN...`` writes ``docs/results/presets/curves.csv``, the mean
 forward reward of the episodes that ended within each half minute of rollout and update, and ``curves.svg``.
 
-It needs nothing but Python.
+It needs only Python.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Draw walks that damage interrupts: distance over time, with what happened.
+"""Draw episodes with damage: distance over time, with onset, suspicion and diagnosis.
 
 Usage: ``python docs/results/trace.py OUT.svg SECONDS_A_STEP LABEL=TRACE.csv...`` takes what
 ``dappo-batch adapt --log`` writes.
 
-It needs nothing but Python.
+It needs only Python and `curves.py`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from collections.abc import Callable
 from itertools import accumulate
 from pathlib import Path
 
+from curves import COLOURS, document
+
 WIDTH, HEIGHT, MARGIN = 760, 320, 56
-COLOURS = ("#0b6e99", "#c2571a", "#4f7d2a", "#7d4f99")
-MARKS = {"suspected": "suspected", "adapted": "told"}
+MARKS = {"suspected": "suspicion", "adapted": "diagnosis"}
 Row = dict[str, str]
 
 
@@ -60,21 +61,19 @@ def picture(walks: dict[str, list[Row]], seconds: float) -> str:
             f'<text x="{MARGIN - 8}" y="{height + 4:.1f}" text-anchor="end">{tick / 5 * top:.0f}</text>',
             f"<text {below}>{tick / 5 * last:.0f}</text>",
         ]
-    shapes.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">s</text>')
+    shapes.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">time, s</text>')
     shapes.append(f'<text x="{MARGIN - 40}" y="{MARGIN - 30}">distance, m</text>')
     shapes += marks(next(iter(walks.values())), x)
     for colour, (label, line) in zip(COLOURS, lines.items(), strict=False):
         points = " ".join(f"{x(step):.1f},{y(metres):.1f}" for step, metres in enumerate(line))
         shapes.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        place = f'x="{x(len(line) - 1):.1f}" y="{y(line[-1]) + 36:.1f}" text-anchor="end"'
+        place = f'x="{x(len(line) - 1):.1f}" y="{y(line[-1]) + 52:.1f}" text-anchor="end"'
         shapes.append(f'<text {place} fill="{colour}">{label}</text>')
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
-    style = 'font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="white"/>'
-    return "\n".join([f"{head} {style}", *shapes, "</svg>\n"])
+    return document(WIDTH, HEIGHT, shapes)
 
 
 def marks(walk: list[Row], x: Callable[[float], float]) -> list[str]:
-    """Draw when the damage struck, and what the controller did about it."""
+    """Draw the onset of the damage and what the controller did."""
     found = [next(step for step, row in enumerate(walk) if row["damage"] != "healthy")]
     texts = [f"damage: {walk[-1]['damage']}"]
     for event, text in MARKS.items():
@@ -87,7 +86,7 @@ def marks(walk: list[Row], x: Callable[[float], float]) -> list[str]:
         shapes += [
             f'<line x1="{x(step):.1f}" y1="{MARGIN - 24}" x2="{x(step):.1f}" y2="{HEIGHT - MARGIN}" '
             'stroke="#777" stroke-dasharray="4 3"/>',
-            f'<text x="{x(step) + 4:.1f}" y="{MARGIN - 14 + 15 * number}" fill="#555">{text}</text>',
+            f'<text x="{x(step) + 4:.1f}" y="{MARGIN - 14 + 18 * number}" fill="#555">{text}</text>',
         ]
     return shapes
 

@@ -17,14 +17,19 @@ def write_run(
     rewards: Sequence[float] = (1.0, 2.0, 3.0, 4.0),
     forward_rewards: Sequence[float | None] = (1.0, None, 3.0, 5.0),
     encodings: Sequence[str] = (),
+    total: int | None = None,
+    errors: float | None = 0.5,
+    classes: Sequence[tuple[str, str]] = CLASSES,
     more: str = "",
 ) -> Path:
-    """Write a run with four damage classes and an iteration of 100 env steps for each forward reward.
+    """Write a run with an iteration of 100 env steps for each forward reward.
 
+    It is evaluated in some damage classes, given by name and group, with a reward each.
     Iteration i has i episodes, a fall rate of i / 10, and takes 2 s for the rollout and 3 s for the update.
+    Every episode of the evaluation has 50 env steps, and `errors` are the standard errors of its rewards.
     """
     (path / "eval").mkdir(parents=True)
-    total = 100 * len(forward_rewards)
+    total = 100 * len(forward_rewards) if total is None else total
     (path / "config.toml").write_text(
         f'robot = "ant"\nseed = {seed}\ntotal_steps = {total}\n{more}\n'
         f"[env]\nnum_envs = 4\nobserve_damage = {str(aware).lower()}\n"
@@ -49,11 +54,11 @@ def write_run(
     (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     for number, encoding in enumerate(("", *encodings)):
         rows = "".join(
-            f"{index},{name},{group},8,{reward - number},0.5\n"
-            for index, ((name, group), reward) in enumerate(zip(CLASSES, rewards, strict=True))
+            f"{index},{name},{group},8,{reward - number},{'' if errors is None else errors},50.0\n"
+            for index, ((name, group), reward) in enumerate(zip(classes, rewards, strict=True))
         )
         file = f"per_class.{encoding}.csv" if encoding else "per_class.csv"
-        header = "class,name,group,episodes,forward_reward,standard_error\n"
+        header = "class,name,group,episodes,forward_reward,standard_error,episode_length\n"
         (path / "eval" / file).write_text(header + rows)
     return path
 

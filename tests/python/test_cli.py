@@ -44,6 +44,15 @@ def test_the_version_is_that_of_the_package(capfd: pytest.CaptureFixture[str]) -
     assert capfd.readouterr().out == f"dappo-batch {package.__version__}\n"
 
 
+def test_the_package_runs_as_a_module() -> None:
+    module = [sys.executable, "-m", "dappo_batch"]
+    done = processes.run([*module, "--version"], timeout=60)
+    assert (done.returncode, done.stdout) == (0, f"dappo-batch {package.__version__}\n")
+    done = processes.run([*module, "fly"], timeout=60)
+    assert done.returncode == 2
+    assert "'fly'" in done.stderr
+
+
 # Arguments, exit code, and what the message must hold: what was wrong and what is expected.
 BAD_USAGE = [
     ((), 2, ["Usage: dappo-batch"]),
@@ -79,7 +88,11 @@ BAD_USAGE = [
     (("sweep", "--out", "sweep", "--grid", "seed"), 2, ["`seed` is no assignment", "seed=0,1,2"]),
     (("train", "--robot", "unicorn"), 1, ["'unicorn'", "ant", "hexapod", ".toml"]),
     (("train", "--config", "nowhere.toml"), 1, ["nowhere.toml", "No such file"]),
-    (("train", "--set", "ppo.gama=0.9"), 1, ["`gama`", "`gamma`"]),
+    (("train", "--set", "ppo.gama=0.9"), 1, ["`ppo.gama`", "`ppo.gamma`"]),
+    (("train", "--set", "num_envs=8"), 1, ["`num_envs` is no setting", "did you mean `env.num_envs`?"]),
+    (("train", "--steps", "1.5"), 2, ["'1.5'", "--steps", "whole number"]),
+    (("train", "--steps", "1e17"), 2, ["'1e17'", "--steps"]),
+    (("train", "--seed", "nan"), 2, ["'nan'", "--seed"]),
     (("train", "--set", "sead=1"), 1, ["`sead`", "`seed`"]),
     (("train", "--set", "seed=x"), 1, ['"x"', "`seed`"]),
     (("train", "--set", "seed"), 1, ["`seed` is no assignment", "key=value"]),

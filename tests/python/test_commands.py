@@ -202,7 +202,7 @@ def test_an_evaluation_returns_what_the_command_line_prints(run: Path) -> None:
         ),
         ({"robot_changed": "use-run"}, "robot_changed cannot be used without resume"),
         ({"json": False}, "there is no argument `json`"),
-        ({"set": {"ppo.gama": 0.9}}, "unknown field `gama`"),
+        ({"set": {"ppo.gama": 0.9}}, "did you mean `ppo.gamma`"),
         ({"robot": "spider"}, "spider"),
     ],
 )

@@ -118,7 +118,7 @@ def test_a_single_damage_is_told_as_a_story_and_logged_step_by_step(parts: Path,
     log = tmp_path / "trace.csv"
     out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET, 1), "--log", log)
     assert "damage suspected" in out
-    assert "the policy is told: missing_toe@3" in out
+    assert "damage code of the policy: missing_toe@3" in out
     with log.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 200
@@ -128,6 +128,10 @@ def test_a_single_damage_is_told_as_a_story_and_logged_step_by_step(parts: Path,
     assert ONSET < suspected < adapted == suspected + 20, "an examination lasts as long as a window"
     assert {row["told"] for row in rows[:adapted]} == {"healthy"}
     assert {row["told"] for row in rows[adapted:]} == {"missing_toe@3"}
+    # Of the last 200 steps only those since the damage count.
+    velocity = np.array([float(row["forward_velocity"]) for row in rows])
+    before, kept = velocity[:ONSET].mean(), velocity[ONSET:].mean()
+    assert f"before step {ONSET}: {before:.2f} m/s; over the last 200 steps: {kept:.2f} m/s, " in out
 
 
 def test_a_fleet_is_controlled_as_its_robots_would_be_alone(parts: Path) -> None:
@@ -346,7 +350,7 @@ def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts:
     assert outcome["name"] == "weak_motor@1"
     assert outcome["detected"] == outcome["episodes"] > 0
     assert outcome["right_at_first"] == outcome["right_at_last"] == 0
-    assert outcome["oracle"] is summary["recovered_share"] is outcome["median_recovery"] is None
+    assert outcome["oracle"] is summary["adapted_share"] is outcome["median_recovery"] is None
     assert {entry["name"] for entry in outcome["told"]} <= set(make(parts).class_names)
     assert sum(entry["episodes"] for entry in outcome["told"]) == outcome["episodes"]
     # The diagnoser names a class nevertheless, and the twin with its damage shows that it is none of them.
@@ -361,7 +365,7 @@ def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts:
     out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *believing)
     assert not [e for episode in json.loads(out)["events"] for e in episode if e["event"] == "withdrawn"]
     out, _ = run("adapt", *equipment(parts), "--damage", "weak_motor@1", *at(ONSET), *dead)
-    assert "told in the end, with episodes: " in out
+    assert "damage codes at the end, with episodes: " in out
     assert "oracle" not in out
 
 

@@ -171,7 +171,7 @@ def test_bad_input_is_refused_with_the_way_out(folder: Path, tmp_path: Path) -> 
         (*train, "--timesteps", "13"): (1, "the windows of the data have 12"),
         (*train, "--rollouts", "61"): (1, "expected 2 to 60"),
         (*train, "--held-out", "missing_toe@7"): (1, "`missing_toe@7` is no damage class"),
-        (*train, "--set", "epoch=3"): (1, "unknown field `epoch`"),
+        (*train, "--set", "epoch=3"): (1, "did you mean `epochs`"),
         (*train, "--set", "dropout=1"): (1, "`dropout` is 1, expected a number in [0, 1)"),
         (*train, "--method", "E"): (2, "A, B, C, D"),
         ("diagnose", "train", folder / "expert", "--out", tmp_path / "out"): (1, "dataset.json"),

@@ -1,19 +1,23 @@
-"""The documentation: its links lead somewhere, its commands exist, its examples and marked blocks run."""
+"""The documentation: its links, commands and Python names exist, its examples and marked blocks run."""
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
 import shutil
 import sys
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
 import pytest
+
+import dappo_batch as package
 
 from .. import processes
 from .command_line import dappo_batch
@@ -39,6 +43,11 @@ SECONDS = 240  # far more than any block needs: only a hang is cut off
 
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)|<img[^>]*\ssrc=\"([^\"]+)\"")
+DOTTED = re.compile(r"\bdappo_batch(?:\.\w+)+")
+IMPORTED = re.compile(r"^ *from (dappo_batch[\w.]*) import (?:\(([^)]*)\)|([\w, ]+))", re.MULTILINE)
+CLASSES = "|".join(name for name in package.__all__ if isinstance(getattr(package, name), type))
+MEMBER = re.compile(rf"(?<![\w.])(?:{CLASSES})\.[a-z_]\w*")
+GONE = {"dappo_batch.gpu_check"}  # the changelog says where it went
 COMMAND = re.compile(r"\bdappo-batch(?: ([a-z]\S*))?([^|\n;&]*)")
 
 # The documentation shows sizes that a reader wants; a test wants small ones.
@@ -91,6 +100,51 @@ def anchors(page: Path) -> set[str]:
     """Return the anchors that code hosts give to the headings of a page."""
     headings = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def python_names(page: Path) -> set[str]:
+    """Return every name of this package that a page or an example mentions in code."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix == ".md":
+        code = [block.text for block in blocks(page) if block.language in ("python", "{eval-rst}")]
+        rest = FENCE.sub("", text)
+        text = "\n".join(
+            [*code, *re.findall(r"^ {4}.*$", rest, re.MULTILINE), *re.findall(r"`([^`\n]+)`", rest)]
+        )
+    names = set(DOTTED.findall(text)) | {f"dappo_batch.{member}" for member in MEMBER.findall(text)}
+    for module, in_brackets, in_line in IMPORTED.findall(text):
+        names |= {f"{module}.{name}" for name in re.findall(r"\w+(?= *(?:,|$))", in_brackets or in_line)}
+    return names - GONE
+
+
+def exists(name: str) -> bool:
+    """Return whether a dotted name is a module of the package, or in one."""
+    parts = name.split(".")
+    module, depth = package.__name__, 1
+    while depth < len(parts) and source_of(f"{module}.{parts[depth]}"):
+        module, depth = f"{module}.{parts[depth]}", depth + 1
+    try:
+        found: object = import_module(module)
+    except ImportError:  # an extra is missing, so that its source has to do
+        tree = ast.parse(Path(str(source_of(module))).read_text(encoding="utf-8"))
+        return set(parts[depth : depth + 1]) <= {getattr(node, "name", "") for node in tree.body}
+    for part in parts[depth:]:
+        if not hasattr(found, part):
+            # Attributes that instances alone have are described with their class.
+            return isinstance(found, type) and bool(
+                re.search(rf"^ *{part} ?[,:]", found.__doc__ or "", re.MULTILINE)
+            )
+        found = getattr(found, part)
+    return True
+
+
+def source_of(module: str) -> str | None:
+    """Return the file of a module, if there is one."""
+    try:
+        spec = find_spec(module)
+    except ImportError:  # its parent is no package, or lacks an extra
+        return None
+    return None if spec is None else spec.origin
 
 
 @cache
@@ -174,6 +228,27 @@ def test_every_command_and_option_that_a_page_names_exists(page: Path) -> None:
         whole = f"{command} {inner[1]}" if inner and is_command else command
         for option in re.findall(r"(?<!\S)--[a-z][a-z-]*", rest):
             assert re.search(rf"{option}\b", help_of(whole)), f"dappo-batch {whole} has no {option}"
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "api.md", *EXAMPLES], ids=name_of)
+def test_every_python_name_that_a_page_mentions_exists(page: Path) -> None:
+    missing = sorted(name for name in python_names(page) if not exists(name))
+    assert not missing, f"{name_of(page)} mentions names that do not exist: {', '.join(missing)}"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Call `dappo_batch.teleport` first.",
+        "`dappo_batch.sweeps.ray.RayExekutor` runs on a cluster.",
+        "`Policy.lode(run)` reads it.",
+        "```python\nfrom dappo_batch.render import Wolk\n```",
+    ],
+)
+def test_an_invented_python_name_does_not_pass(text: str, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(text, encoding="utf-8")
+    assert [name for name in python_names(page) if not exists(name)]
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")

@@ -210,7 +210,10 @@ def test_a_comparison_is_told_in_words_too(compared: tuple[dict[str, Any], str])
     summary = found["comparison"]["summary"]
     lines = [line.strip() for line in text.splitlines()]
     for name, side, seeds in [("RUN", "runs", "3 seeds: 1, 2, 3"), ("OTHER", "others", "2 seeds: 1, 2")]:
-        assert f"mean forward reward of {name}: {summary[side]['forward_reward']:.1f} ({seeds})" in lines
+        # Episodes of 50 ms a step, so that metres are twentieths of the reward.
+        rewards = summary[side]["forward_reward"]
+        walked = f"forward reward {rewards:.1f}, {summary[side]['forward_velocity']:.2f} m/s, {rewards / 20:.1f} m"
+        assert f"mean of {name}: {walked} an episode ({seeds})" in lines
     won = f"{summary['classes_won']} of 33 ({100 * summary['share_won']:.1f} %)"
     assert f"classes in which RUN is ahead: {won}" in lines
     for key, words in [
@@ -262,9 +265,11 @@ def test_several_runs_alone_are_averaged(runs: Path, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.glob("*/eval/*")} == {"per_class.csv", "groups.csv"}
     text, _ = dappo_batch("evaluate", *copies)
     means = [run["groups"][-1]["forward_reward"] for run in found["runs"]]
+    lengths = [[entry["episode_length"] for entry in run["classes"]] for run in found["runs"]]
+    rewards = [[entry["forward_reward"] for entry in run["classes"]] for run in found["runs"]]
     assert text.splitlines()[-1] == (
-        f"mean forward reward of 3 runs: {np.mean(means):.1f}, from {min(means):.1f} to {max(means):.1f} "
-        "(3 seeds: 1, 2, 3)"
+        f"mean of 3 runs: forward reward {np.mean(means):.1f}, {np.mean(np.divide(rewards, lengths)):.2f} m/s, "
+        f"{np.mean(means) / 20:.1f} m an episode, from {min(means):.1f} to {max(means):.1f} (3 seeds: 1, 2, 3)"
     )
 
 

@@ -272,25 +272,25 @@ def example() -> ModuleType:
 
 
 @pytest.mark.parametrize("kind", ["B", "D"])
-def test_the_example_decides_as_the_controller_until_the_damage_is_named(exports: Path, kind: str) -> None:
+def test_the_example_acts_as_the_controller_until_the_diagnosis(exports: Path, kind: str) -> None:
     controller = Controller.from_export(exports / kind)
-    adapter = example().Adapter(exports / kind)
+    exported = example().Controller(exports / kind)
 
-    class Adapter:
+    class Exported:
         def act(self, obs: Rows, _: float) -> Rows:
-            action: Rows = adapter.act(obs)
+            action: Rows = exported.act(obs)
             return action
 
-    taken = walk([controller, Adapter()], "missing_toe@1", 160)
+    taken = walk([controller, Exported()], "missing_toe@1", 160)
     suspected, diagnosed = controller.events[:2]
     assert (suspected.kind, diagnosed.kind) == ("suspected", "diagnosed")
     for step, (one, other) in enumerate(taken[: diagnosed.step + 1]):
         np.testing.assert_allclose(other, np.clip(one, -1, 1), rtol=0, atol=1e-4, err_msg=str(step))
-    assert [step for step, _ in adapter.events[:2]] == [suspected.step, diagnosed.step]
+    assert [step for step, _ in exported.events[:2]] == [suspected.step, diagnosed.step]
     assert diagnosed.damage_class is not None
-    named = controller.class_names[diagnosed.damage_class]
-    assert adapter.events[1][1] == f"diagnosis: {named}, {diagnosed.confidence:.1%} certain"
-    assert adapter.told == controller.damage_classes[0]
+    name = controller.class_names[diagnosed.damage_class]
+    assert exported.events[1][1] == f"diagnosis: {name}, {diagnosed.confidence:.1%} certain"
+    assert exported.assumed == controller.damage_classes[0]
 
 
 def test_the_example_drives_a_robot_through_damage_without_this_package(exports: Path) -> None:
@@ -302,8 +302,8 @@ def test_the_example_drives_a_robot_through_damage_without_this_package(exports:
         [sys.executable, "-W", "error", "-c", program, EXAMPLE, exports / "B", "hip_2"], timeout=120
     )
     assert done.returncode == 0, done.stderr
-    assert "an examination begins" in done.stdout
-    assert "told: jammed_joint@1" in done.stdout
+    assert "suspicion, the diagnosis window begins" in done.stdout
+    assert "assumed class: jammed_joint@1" in done.stdout
 
 
 def test_an_export_replaces_an_earlier_one_and_nothing_else(

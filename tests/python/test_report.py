@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
 import resource
 import shutil
+from base64 import b64decode
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,13 +18,19 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from PIL import Image
+
+import dappo_batch
 from dappo_batch import CheckpointError, ConfigError, MissingExtraError, load_run, report
-from dappo_batch.report.figures.adaptation import shares
-from dappo_batch.report.figures.evaluation import means_of_groups
+from dappo_batch.report import strips
 from dappo_batch.report.learners import learners
+from dappo_batch.report.page import Note, Section, render
+from dappo_batch.report.picture import style
+from dappo_batch.report.sections import sections
 from dappo_batch.report.sources import read
 
 from .. import processes
+from .command_line import dappo_batch as dappo_batch_run
 from .command_line import dappo_batch_many, files
 from .run_folders import write_adaptation, write_diagnoser, write_run, write_sweep, write_trace
 
@@ -31,6 +41,7 @@ FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--enable-logging=stderr"),
 )
+SMOKE = Path(__file__).parents[2] / "configs" / "smoke.toml"
 VOID = {"br", "hr", "img", "input", "link", "meta"}
 
 
@@ -44,7 +55,10 @@ class Page(HTMLParser):
         self.ids: list[str] = []
         self.links: list[str] = []
         self.headings: list[str] = []
-        self.cells: list[str] = []
+        self.tables: list[list[list[str]]] = []
+        self.flags: list[str] = []
+        self.notes: list[str] = []
+        self.strips: list[list[bytes]] = []
         self.feed(self.text)
         self.close()
         assert self.open == []
@@ -56,6 +70,18 @@ class Page(HTMLParser):
                 self.ids.append(str(value))
             elif name in ("href", "xlink:href", "src"):
                 self.links.append(str(value))
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+        elif tag == "p" and ("class", "note") in attrs:
+            self.notes.append("")
+        elif tag == "ol":
+            self.strips.append([])
+        elif tag == "img":
+            self.strips[-1].append(b64decode(str(dict(attrs)["src"]).partition(",")[2]))
         if tag not in VOID:
             self.open.append(tag)
 
@@ -70,8 +96,34 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self.open and self.open[-1] == "h2":
             self.headings.append(data)
-        elif self.open and self.open[-1] == "td":
-            self.cells.append(data)
+        elif {"td", "th"} & set(self.open):
+            self.tables[-1][-1][-1] += data
+            if self.open[-1] == "strong":
+                self.flags.append(data)
+        elif self.open and self.open[-1] == "p" and self.notes and not self.notes[-1]:
+            self.notes[-1] = data
+
+    def table(self, *header: str) -> list[dict[str, str]]:
+        """Return the rows of the only table with some columns, each by column."""
+        (found,) = (table for table in self.tables if set(header) <= set(table[0]))
+        return [dict(zip(found[0], row, strict=True)) for row in found[1:]]
+
+
+def page_of(out: Path, paths: Sequence[Path], *headings: str) -> Page:
+    """Write some sections of a report, to save the time of the others, and read them."""
+    with style():
+        found = sections(read(paths), with_strips=False)
+        some = [section for section in found if section.title in headings]
+        out.write_text(render("Title", "Subtitle", some), encoding="utf-8")
+    return Page(out)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a policy for a moment."""
+    run = tmp_path_factory.mktemp("report") / "run"
+    dappo_batch_run("train", "--config", SMOKE, "--run", run)
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -100,20 +152,67 @@ def test_a_page_has_a_section_for_everything_that_was_given(folder: Path) -> Non
     assert page.headings == [
         "Overview",
         "ant: training",
-        "ant: DA-PPO and PPO-Unaware",
+        "ant: evaluation",
         "ant: damage classes",
-        "Damage in mid-walk",
-        "Walks",
+        "ant: film strips",
+        "Damage during an episode",
+        "Single episodes",
         "Table 1: accuracy of the diagnosis",
         "Diagnosis",
         "Throughput",
         "Configuration and versions",
     ]
     assert "<h1>Runs &lt;of&gt; $June$ &amp; July</h1>" in page.text
-    # Means over 4 classes and 2 seeds: (10 + 11) / 8 and (7 + 8) / 8; ahead in 3 classes.
-    for cell in ("2.6", "1.9", "+40.0 %", "3 of 4", "75.00 %", "lanes", "diagnosed broken (0.97)"):
-        assert cell in page.cells, cell
+    cells = {cell for table in page.tables for row in table for cell in row}
+    assert {"75.00 %", "lanes", "diagnosed broken (0.97)"} <= cells
     assert "gamma = 0.99" in page.text
+    assert len(page.notes) == 2
+    for name, note in zip(("DA-PPO", "PPO-Unaware"), page.notes, strict=True):
+        assert note.startswith(f"There is no film strip of {name}: ")
+        assert note.endswith("holds no checkpoint")
+
+
+def test_rewards_are_also_given_as_speeds_and_distances(folder: Path) -> None:
+    page = Page(folder / "report.html")
+    # Means over 4 classes and 2 seeds: (10 + 11) / 8 and (7 + 8) / 8. Eight independent errors of 0.5 each
+    # make 0.5 / sqrt(8). Episodes have 50 steps; a step of the Ant lasts 5 times 0.01 s.
+    aware, unaware = page.table("m/s", "m per episode")
+    assert (aware["forward reward"], aware["lowest seed"], aware["highest seed"]) == (
+        "2.6 ± 0.2",
+        "2.5",
+        "2.8",
+    )
+    assert (aware["m/s"], aware["m per episode"]) == ("0.05", "0.1")
+    assert (unaware["forward reward"], unaware["env steps"]) == ("1.9 ± 0.2", "400")
+    (gain,) = page.table("gain")
+    assert (gain["gain"], gain["classes ahead"], gain["budgets"]) == ("+40.0 %", "3 of 4", "equal")
+    assert page.flags == []
+
+
+def test_the_legend_says_what_each_short_name_is(folder: Path) -> None:
+    rows = Page(folder / "report.html").table("run", "folder")
+    assert [row["run"] for row in rows] == ["aware0", "aware1", "unaware0", "unaware1"]
+    for row in rows:
+        run = load_run(row["folder"])
+        assert (row["learner"] == "DA-PPO", row["seed"]) == (run.observes_damage, str(run.seed))
+        assert (row["robot"], row["reward"], row["env steps"]) == ("ant", "gym", "400")
+
+
+def test_budgets_that_differ_and_runs_that_are_not_finished_are_flagged(tmp_path: Path) -> None:
+    write_run(tmp_path / "long", forward_rewards=[1.0] * 8)
+    write_run(tmp_path / "short", seed=1)
+    write_run(tmp_path / "stopped", aware=False, total=800)
+    paths = [tmp_path / name for name in ("long", "short", "stopped")]
+    page = page_of(tmp_path / "page.html", paths, "Overview")
+    assert page.flags == ["400", "400", "400", "400"]
+    budgets, unfinished = page.notes
+    assert "DA-PPO, 800 env steps: 800; PPO-Unaware: 400 env steps" in budgets
+    assert unfinished == "stopped is not finished: 400 of 800 env steps."
+    assert {row["run"]: row["env steps"] for row in page.table("run", "folder")} == {
+        "long": "800",
+        "short": "400",
+        "stopped": "400",
+    }
 
 
 def test_a_page_needs_nothing_else(folder: Path) -> None:
@@ -127,13 +226,17 @@ def test_a_page_needs_nothing_else(folder: Path) -> None:
 def test_figures_follow_light_and_dark(folder: Path) -> None:
     text = (folder / "report.html").read_text()
     drawings = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
-    assert len(drawings) == text.count("<figure>") > 10
+    # A phone gets its own drawing of figures that are wide elsewhere, and legends have small drawings.
+    figures = [drawing for drawing in drawings if 'role="img"' in drawing]
+    assert len(figures) == text.count("<figure ") + text.count('class="wide"') > 20
+    assert len(re.findall("<figure ", text)) > 10
     for drawing in drawings:
-        assert "var(--ink)" in drawing
+        assert drawing not in figures or "var(--ink)" in drawing
         # Bitmaps hold letters and digits that look like anything.
         assert not re.search(r"#[0-9a-f]{6}\b", re.sub(r'"data:[^"]*"', "", drawing))
     assert "@media (prefers-color-scheme: dark)" in text
-    for name in set(re.findall(r"var\((--[a-z0-9-]+)\)", text)):
+    # The number of columns of a figure is no colour.
+    for name in set(re.findall(r"var\((--[a-z0-9-]+)\)", text)) - {"--columns"}:
         assert len(re.findall(rf"{name}: #", text)) == 3, "light, dark by choice, dark by the system"
 
 
@@ -141,7 +244,7 @@ def test_every_figure_is_written_as_png_and_svg(folder: Path) -> None:
     written = sorted(path.name for path in (folder / "figures").iterdir())
     names = sorted({name.rpartition(".")[0] for name in written})
     assert written == sorted(f"{name}.{kind}" for name in names for kind in ("png", "svg"))
-    assert len(names) == (folder / "report.html").read_text().count("<figure>")
+    assert len(names) == (folder / "report.html").read_text().count("<figure ")
     for path in (folder / "figures").iterdir():
         if path.suffix == ".svg":
             assert ElementTree.parse(path).getroot().tag.endswith("svg")
@@ -156,52 +259,104 @@ def test_the_same_data_give_the_same_page(folder: Path, tmp_path: Path) -> None:
     report.write(paths, tmp_path / "one.html")
     report.write([*paths, folder / ".." / folder.name / "walk.csv"], tmp_path / "two.html")
     assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
-    assert Page(tmp_path / "one.html").headings == ["Walks", "Diagnosis"], "nothing about runs"
+    assert Page(tmp_path / "one.html").headings == ["Single episodes", "Diagnosis"], "nothing about runs"
 
 
-def test_runs_that_differ_in_their_seed_alone_are_one_learner(folder: Path, tmp_path: Path) -> None:
-    other = write_run(tmp_path / "other", seed=2, more="horizon = 64")
-    runs = [load_run(path) for path in (folder / "unaware0", other, folder / "aware1", folder / "aware0")]
-    found = learners(runs)
-    assert [learner.label() for learner in found] == [
-        "DA-PPO, horizon 64, 1 seed",
-        "DA-PPO, horizon default, 2 seeds",
-        "PPO-Unaware, 1 seed",
+def test_groups_are_explained(tmp_path: Path) -> None:
+    write_run(tmp_path / "run")
+    rows = {
+        "D1": "one limb: jammed_joint",
+        "D1_2 A": "2 limbs: jammed_joint and missing_toe on adjacent limbs",
+        "D2_2 S": "2 limbs: missing_toe and missing_toe on limbs neither adjacent nor opposite",
+        "D1_1 O": "2 limbs: jammed_joint and jammed_joint on opposite limbs",
+        "D1_1_2": "3 limbs: jammed_joint and jammed_joint and missing_toe",
+    }
+    space = dappo_batch.compile_class_table("hexapod", max_damaged_limbs=3).space
+    classes = [next(each for each in space.classes if each.group == group) for group in rows]
+    table = "".join(f"{each.id},{each.name},{each.group},1,1.0,\n" for each in classes)
+    (tmp_path / "run" / "eval" / "per_class.csv").write_text(
+        f"class,name,group,episodes,forward_reward,standard_error\n{table}"
+    )
+    page = page_of(tmp_path / "page.html", [tmp_path / "run"], "ant: evaluation")
+    explained = {row["group"]: row["damage"] for row in page.table("group", "damage")}
+    assert explained == rows | {"all": "all classes, of the same weight"}
+
+
+def test_settings_that_are_too_long_for_a_name_stand_in_a_table(tmp_path: Path) -> None:
+    for number in range(2):
+        settings = f"horizon = {32 + number}\nsomething_with_a_rather_long_name = {number}"
+        write_run(tmp_path / f"run{number}", more=settings)
+    page = page_of(tmp_path / "page.html", [tmp_path / "run0", tmp_path / "run1"], "Overview")
+    rows = page.table("settings")
+    assert {row["learner"]: row["settings"] for row in rows} == {
+        "DA-PPO A": "horizon 32, something with a rather long name 0",
+        "DA-PPO B": "horizon 33, something with a rather long name 1",
+    }
+
+
+def test_a_sweep_is_drawn_like_its_runs(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep"
+    cells = [
+        write_run(sweep / f"seed={seed},unaware={word}", seed=seed, aware=word == "false")
+        for seed in (0, 1)
+        for word in ("false", "true")
     ]
-    assert [run.seed for run in found[1].runs] == [0, 1]
+    (sweep / "sweep.json").write_text('{"base": {}}')
+    page = page_of(tmp_path / "sweep.html", [sweep, cells[0]], "Overview")
+    assert page.text == page_of(tmp_path / "runs.html", sorted(cells), "Overview").text
+    assert [row["run"] for row in page.table("run", "folder")] == [
+        "seed=0,unaware=false",
+        "seed=1,unaware=false",
+        "seed=0,unaware=true",
+        "seed=1,unaware=true",
+    ]
+    write_run(sweep / "seed=2,unaware=false", seed=2, forward_rewards=[])
+    sources = read([sweep])
+    assert [run.path for run in sources.runs] == sorted(cells)
+    assert sources.notes == [
+        "Left out of the sweep sweep: seed=2,unaware=false, which finished no iteration yet."
+    ]
 
 
-def test_a_curve_weighs_iterations_by_their_episodes(tmp_path: Path) -> None:
-    run = load_run(write_run(tmp_path / "run", forward_rewards=[float(n) for n in range(1, 101)]))
-    (learner,) = learners([run])
-    curve = learner.curve("forward_reward", weighted=True)
-    assert curve is not None
-    np.testing.assert_allclose(curve.env_steps, 200.0 * np.arange(1, 51))
-    pairs = np.arange(1.0, 101.0).reshape(50, 2)
-    np.testing.assert_allclose(curve.values, [(pairs**2).sum(1) / pairs.sum(1)])
-    plain = learner.curve("rollout_seconds", weighted=False)
-    assert plain is not None
-    np.testing.assert_allclose(plain.values, 2.0)
-    assert learner.curve("entropy", weighted=False) is None
+def test_a_sweep_without_a_run_or_with_a_link_is_refused(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep"
+    sweep.mkdir()
+    (sweep / "sweep.json").write_text('{"base": {}}')
+    with pytest.raises(ConfigError, match="no training that has finished an iteration"):
+        read([sweep])
+    (sweep / "seed=0").symlink_to(write_run(tmp_path / "elsewhere"))
+    with pytest.raises(CheckpointError, match="seed=0 is a symbolic link, expected a folder"):
+        read([sweep])
 
 
-def test_a_span_without_episodes_has_no_value(tmp_path: Path) -> None:
-    (learner,) = learners([load_run(write_run(tmp_path / "run"))])
-    curve = learner.curve("forward_reward", weighted=True)
-    assert curve is not None
-    np.testing.assert_array_equal(curve.values, [[1.0, np.nan, 3.0, 5.0]])
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+def test_film_strips_show_moments_of_an_episode(trained: Path, tmp_path: Path) -> None:
+    (learner,) = learners([load_run(trained)])
+    section = Section("strips", "Strips", strips.strips([learner]))
+    (tmp_path / "page.html").write_text(render("Title", "Subtitle", [section]), encoding="utf-8")
+    page = Page(tmp_path / "page.html")
+    assert page.notes == []
+    (strip,) = page.strips
+    assert len(strip) == 6
+    pictures = [np.asarray(Image.open(io.BytesIO(jpeg))) for jpeg in strip]
+    assert {picture.shape for picture in pictures} == {(240, 320, 3)}
+    assert all(picture.std() > 10 for picture in pictures), "not empty"
+    assert np.abs(pictures[0].astype(float) - pictures[-1]).mean() > 1, "something has moved"
+    # The distance is that of the main body along x.
+    episode = strips._episode(learner.runs[0], "missing_toe@1")
+    states, velocities = episode.walk.states, np.array(episode.velocities)
+    assert states[-1, 0] - states[0, 0] == pytest.approx(0.05 * velocities.sum(), abs=1e-6)
 
 
-def test_groups_weigh_their_classes_equally(folder: Path) -> None:
-    (learner,) = learners([load_run(folder / f"aware{seed}") for seed in (0, 1)])
-    means = {name: values.tolist() for name, values in means_of_groups(learner).items()}
-    assert means == {"none": [4.0, 5.0], "D1": [3.0, 3.0], "D2": [1.5, 1.5], "all": [2.5, 2.75]}
-
-
-def test_shares_of_the_oracle_leave_the_healthy_robot_out(folder: Path) -> None:
-    table = load_run(folder / "aware0").adaptation
-    assert table is not None
-    assert shares(table) == {"adapted": 0.9, "unadapted": 0.5}
+def test_where_nothing_can_be_drawn_a_note_says_why(trained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dappo_batch.render.opengl.PAINTER", ("-c", "raise SystemExit('no driver')"))
+    (note,) = strips.strips(learners([load_run(trained)]))
+    assert isinstance(note, Note)
+    assert note.text.startswith("There is no film strip of DA-PPO: pictures need OpenGL, and none works here")
+    with style():
+        titles = [section.title for section in sections(read([trained]), with_strips=False)]
+    assert "ant: film strips" not in titles
 
 
 def test_a_path_that_is_nothing_known_is_named_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
@@ -213,7 +368,7 @@ def test_a_path_that_is_nothing_known_is_named_and_nothing_is_written(folder: Pa
     arguments = ("--out", out / "page.html", "--figures", out / "figures")
     expected = {
         tmp_path / "nowhere": "nowhere does not exist; expected a run folder",
-        tmp_path: "has neither config.toml nor table1.csv; expected a run folder",
+        tmp_path: "has no config.toml, sweep.json or table1.csv; expected a run folder",
         foreign: "foreign.csv begins with 'a,b'; expected a run folder",
         young: "young has finished no iteration yet",
     }
@@ -241,7 +396,7 @@ def test_a_table_that_is_cut_short_is_refused(tmp_path: Path) -> None:
         read([trace])
     confusion = write_diagnoser(tmp_path / "diagnoser") / "eval" / "test.confusion.csv"
     confusion.write_text("true\\named,healthy,broken\nhealthy,2,0\n")
-    with pytest.raises(CheckpointError, match="rows and columns name other classes"):
+    with pytest.raises(CheckpointError, match="rows and columns have different classes"):
         read([tmp_path / "diagnoser"])
 
 
@@ -283,6 +438,32 @@ def test_a_browser_shows_the_page_without_a_complaint(folder: Path, tmp_path: Pa
     assert "CONSOLE" not in done.stderr
     # The script of the page has run: the switch offers the other theme.
     assert f">{'Light' if scheme == 'dark' else 'Dark'}</button>" in done.stdout
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+@pytest.mark.parametrize(("width", "shown", "hidden"), [(1400, "wide", "narrow"), (500, "narrow", "wide")])
+def test_a_page_fits_its_window(folder: Path, tmp_path: Path, width: int, shown: str, hidden: str) -> None:
+    assert CHROMIUM is not None
+    measure = """<script>document.title = JSON.stringify({
+        page: document.documentElement.scrollWidth, window: innerWidth,
+        wide: [...document.querySelectorAll(".wide")].filter(part => part.offsetWidth).length,
+        narrow: [...document.querySelectorAll(".narrow")].filter(part => part.offsetWidth).length,
+        figures: [...document.querySelectorAll(".figures")].map(grid => {
+            const ends = [...grid.children].map(figure => figure.getBoundingClientRect().right);
+            return grid.getBoundingClientRect().right - Math.max(...ends);
+        }),
+    })</script></body>"""
+    page = tmp_path / "page.html"
+    page.write_text((folder / "report.html").read_text().replace("</body>", measure))
+    size, profile = f"--window-size={width},900", f"--user-data-dir={tmp_path / 'profile'}"
+    done = processes.run([CHROMIUM, *FLAGS, size, profile, "--dump-dom", page.as_uri()], timeout=60)
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"<title>(.*)</title>", done.stdout)
+    assert found is not None
+    measured = json.loads(found[1])
+    assert measured["page"] <= measured["window"] == width
+    assert measured[shown] > 0 == measured[hidden]
+    assert max(measured["figures"]) < 1, "figures reach from one side to the other"
 
 
 def test_a_trace_with_a_speed_that_is_no_number_is_refused(tmp_path: Path) -> None:

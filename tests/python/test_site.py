@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import dappo_batch
+import dappo_batch.render
 
 from .. import processes
 
@@ -39,6 +40,33 @@ def test_the_reference_describes_everything_that_is_offered(site: Path) -> None:
     reference = (site / "api.html").read_text(encoding="utf-8")
     undescribed = {name for name in dappo_batch.__all__ if f'id="dappo_batch.{name}"' not in reference}
     assert undescribed == {"__version__"}
+
+
+def test_the_reference_describes_every_public_module(site: Path) -> None:
+    reference = (site / "api.html").read_text(encoding="utf-8")
+    for module in (
+        "damage",
+        "model",
+        "render",
+        "report",
+        "sweeps.ray",
+        "sweeps.slurm",
+        "interop.sb3",
+        "interop.rsl_rl",
+    ):
+        assert f'id="module-dappo_batch.{module}"' in reference, module
+    undescribed = {
+        name for name in dappo_batch.render.__all__ if f'id="dappo_batch.render.{name}"' not in reference
+    }
+    assert undescribed == {"RenderError"}  # it is in `dappo_batch`
+    for name in (
+        "damage.MissingToe",
+        "report.write",
+        "sweeps.Cell",
+        "sweeps.ray.RayExecutor",
+        "interop.sb3.Sb3VecEnv",
+    ):
+        assert f'id="dappo_batch.{name}"' in reference, name
 
 
 def test_what_is_not_on_the_site_is_linked_in_the_repository(site: Path) -> None:

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from os import PathLike, fsencode
 from pathlib import Path
 
-from dappo_batch._checks import folder, sequence, text
+from dappo_batch._checks import boolean, folder, sequence, text
 from dappo_batch._core import ConfigError, write_file
 from dappo_batch._extras import require
 from dappo_batch.report.sources import Sources, read
@@ -21,19 +21,24 @@ def write(
     *,
     figures: str | bytes | PathLike[str] | None = None,
     title: str = "dappo-batch report",
+    film_strips: bool = True,
 ) -> list[Path]:
     """Write a report.
 
     Parameters
     ----------
     paths : sequence of path-like
-        Run folders, folders of ``diagnose sweep`` and ``diagnose train``, and traces of ``adapt --log``.
+        Run folders, folders of ``sweep``, ``diagnose sweep`` and ``diagnose train``, and traces of
+        ``adapt --log``.
     out : path-like
         The page.
     figures : path-like, optional
         Folder for the figures as PNG and SVG.
     title : str
         Heading of the page.
+    film_strips : bool
+        Whether moments of an episode of each policy are drawn, which takes two seconds a policy. Without
+        OpenGL or a checkpoint the page says why there are none.
 
     Returns
     -------
@@ -59,14 +64,16 @@ def write(
         raise ConfigError(f"{page} is a folder, expected the name of a file")
     require("report", "reports")
     sources = read(paths)
-    html, drawings = _draw(sources, title, target)
+    html, drawings = _draw(sources, title, target, film_strips=boolean(film_strips, "film_strips"))
     for path, content in drawings.items():
         _write(path, content)
     _write(page, html)
     return [page, *drawings]
 
 
-def _draw(sources: Sources, title: str, figures: Path | None) -> tuple[bytes, dict[Path, bytes]]:
+def _draw(
+    sources: Sources, title: str, figures: Path | None, *, film_strips: bool
+) -> tuple[bytes, dict[Path, bytes]]:
     """Draw the page and files in memory, so that nothing is written where something cannot be drawn."""
     # matplotlib is an extra, and takes a second to import.
     from dappo_batch.report.page import render
@@ -74,12 +81,12 @@ def _draw(sources: Sources, title: str, figures: Path | None) -> tuple[bytes, di
     from dappo_batch.report.sections import sections
 
     with style():
-        parts = sections(sources)
+        parts = sections(sources, with_strips=film_strips)
         html = render(title, f"dappo-batch {version('dappo-batch')}, {sources.summary()}", parts)
         files = {}
         if figures is not None:
             for picture in (picture for part in parts for picture in part.pictures):
-                files[figures / f"{picture.name}.svg"] = picture.svg.encode()
+                files[figures / f"{picture.name}.svg"] = picture.svg().encode()
                 files[figures / f"{picture.name}.png"] = picture.png()
     return html.encode(), files
 

@@ -10,14 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.report.words import grouped_digits
 from dappo_batch.runs import Run
+from dappo_batch.runs.tables import Table
 
-__all__ = ["AWARE", "UNAWARE", "Curve", "Learner", "learners"]
+__all__ = ["AWARE", "UNAWARE", "Curve", "Learner", "Scores", "learners", "matched"]
 
 AWARE, UNAWARE, EXPERT = "DA-PPO", "PPO-Unaware", "expert"
 
 _POINTS = 50
 """Points of a curve."""
+_LONGEST = 36
+"""Most letters of a name that still says the settings."""
 
 # What does not change what is learned, or by rounding alone.
 _IRRELEVANT = ("seed", "env.threads", "env.njmax", "env.nconmax", "checkpoint.", "evaluation.")
@@ -40,6 +44,63 @@ class Curve:
     env_steps: NDArray[np.float64]
     values: NDArray[np.float64]
 
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Whether all seeds have a value, [K]."""
+        known: NDArray[np.bool_] = np.all(np.isfinite(self.values), axis=0)
+        return known
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Forward rewards of S seeds in C damage classes, and how well the episodes determine them.
+
+    Attributes
+    ----------
+    names, groups : tuple of str
+        Of the damage classes, [C].
+    rewards : float64[S, C]
+        Means over episodes of the forward velocities' sum, m/s.
+    errors : float64[S, C]
+        Their standard errors over episodes; NaN where they are unknown.
+    lengths : float64[S, C]
+        Mean lengths of the episodes, env steps; NaN where they are unknown.
+    """
+
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    rewards: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+
+    @property
+    def speed(self) -> float:
+        """Mean forward velocity over all episodes, m/s; NaN if their lengths are unknown."""
+        return float(self.rewards.mean() / self.lengths.mean())
+
+    def of_groups(self) -> Scores:
+        """Return the means over the classes of every group, and over ``all`` classes, of the same weight."""
+        groups = np.array(self.groups)
+        chosen = {name: groups == name for name in self.groups} | {"all": np.ones(len(groups), bool)}
+
+        def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.stack([values[:, members].mean(axis=1) for members in chosen.values()], axis=1)
+
+        counts = np.array([members.sum() for members in chosen.values()])
+        names = tuple(chosen)
+        # The errors of independent means add up in squares.
+        errors = np.sqrt(means(self.errors**2) / counts)
+        return Scores(names, names, means(self.rewards), errors, means(self.lengths))
+
+    def over_seeds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the means over seeds, and their standard errors over episodes, [C] each."""
+        return self.rewards.mean(axis=0), np.sqrt((self.errors**2).mean(axis=0) / len(self.errors))
+
+    def only(self, chosen: NDArray[np.intp]) -> Scores:
+        """Return some of the classes."""
+        names, groups = (tuple(texts[index] for index in chosen) for texts in (self.names, self.groups))
+        return Scores(names, groups, *(of[:, chosen] for of in (self.rewards, self.errors, self.lengths)))
+
 
 @dataclass(frozen=True)
 class Learner:
@@ -50,25 +111,37 @@ class Learner:
     kind : str
         `AWARE`, `UNAWARE` or `EXPERT`.
     name : str
-        The kind, and what tells it from others of its kind in the same report.
+        The kind, and what distinguishes it from others of its kind in the same report: the settings, or a
+        letter where they are too long.
+    settings : str
+        The settings that distinguish it; empty if it is the only one of its kind.
     robot, reward : str
         Names.
     runs : tuple of Run
         In the order of their seeds.
     place : int
-        Place among the learners of the robot: every figure gives it the same colour.
+        Place among the learners of the robot: every figure gives it the same mark.
+    relevant : mapping
+        All settings that can make two learners differ, as text.
     """
 
     kind: str
     name: str
+    settings: str
     robot: str
     reward: str
     runs: tuple[Run, ...]
     place: int
+    relevant: Mapping[str, str]
 
     def label(self) -> str:
         """Return the name with the number of seeds."""
         return f"{self.name}, {len(self.runs)} seed{'s' if len(self.runs) > 1 else ''}"
+
+    @property
+    def env_steps(self) -> tuple[int, ...]:
+        """Env steps that each run has done so far."""
+        return tuple(int(run.metrics["env_steps"][-1]) for run in self.runs)
 
     def curve(self, column: str, *, weighted: bool) -> Curve | None:
         """Average a column of the metrics over spans of env steps, as far as all seeds have come.
@@ -101,9 +174,23 @@ class Learner:
         runs = [run for run in self.runs if all(name in run.per_class for name in encodings)]
         return replace(self, runs=tuple(runs))
 
-    def forward_rewards(self, encoding: str = "true") -> NDArray[np.float64]:
-        """Return the forward reward of every evaluated seed and damage class, [S, C]."""
-        return np.array([run.per_class[encoding]["forward_reward"] for run in self.evaluated(encoding)])
+    def scores(self, encoding: str = "true") -> Scores:
+        """Return the evaluations of all evaluated seeds with an encoding."""
+        tables = [run.per_class[encoding] for run in self.evaluated(encoding)]
+        names, groups = (tuple(map(str, tables[0][column])) for column in ("name", "group"))
+        values = (
+            np.stack([_numbers(table, column, len(names)) for table in tables])
+            for column in ("forward_reward", "standard_error", "episode_length")
+        )
+        return Scores(names, groups, *values)
+
+
+def _numbers(table: Table, column: str, count: int) -> NDArray[np.float64]:
+    """Return a column; NaN where an older version did not write it."""
+    values = table.get(column)
+    if values is None or values.dtype.kind not in "if":
+        return np.full(count, np.nan)
+    return values.astype(np.float64)
 
 
 def learners(runs: Sequence[Run]) -> list[Learner]:
@@ -121,12 +208,39 @@ def learners(runs: Sequence[Run]) -> list[Learner]:
     found: list[Learner] = []
     for key in sorted(grouped):
         robot, reward, kind, _ = key
-        rivals = [settings[other] for other in grouped if other[0] == robot and other[2] == kind]
-        details = "".join(f", {text}" for text in _distinctions(settings[key], rivals))
+        rivals = [other for other in sorted(grouped) if other[0] == robot and other[2] == kind]
+        described = [
+            ", ".join(_distinctions(settings[one], [settings[each] for each in rivals])) for one in rivals
+        ]
+        own = described[rivals.index(key)]
+        name = f"{kind}, {own}" if own else kind
+        if max(map(len, described)) + len(kind) > _LONGEST:
+            name = f"{kind} {_letters(rivals.index(key))}"
         seeds = tuple(sorted(grouped[key], key=lambda run: (run.seed, str(run.path))))
         place = sum(learner.robot == robot for learner in found)
-        found.append(Learner(kind, kind + details, robot, reward, seeds, place))
+        found.append(Learner(kind, name, own, robot, reward, seeds, place, settings[key]))
     return found
+
+
+def _letters(place: int) -> str:
+    """Return A to Z, then AA to ZZ."""
+    return (chr(64 + place // 26) if place >= 26 else "") + chr(65 + place % 26)
+
+
+def matched(found: Sequence[Learner]) -> list[tuple[Learner, Learner]]:
+    """Return pairs of DA-PPO and PPO-Unaware that differ in nothing else, or all pairs if there is none."""
+
+    def common(learner: Learner) -> dict[str, str]:
+        own = ("env.observe_damage", "ppo.code_scale")
+        return {key: value for key, value in learner.relevant.items() if key not in own}
+
+    pairs = [
+        (one, other)
+        for one in found
+        for other in found
+        if (one.kind, other.kind) == (AWARE, UNAWARE) and one.reward == other.reward
+    ]
+    return [(one, other) for one, other in pairs if common(one) == common(other)] or pairs
 
 
 def _robot(run: Run) -> str:
@@ -171,6 +285,8 @@ def _distinctions(own: Mapping[str, str], rivals: Sequence[Mapping[str, str]]) -
         value = own.get(key, "default")
         if key == "curriculum":
             texts.append(f"curriculum {_stages(value)}")
+        elif key == "total_steps":
+            texts.append(f"{grouped_digits(int(value))} env steps")
         else:
             texts.append(f"{key.rpartition('.')[2].replace('_', ' ')} {value}")
     return texts

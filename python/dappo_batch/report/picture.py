@@ -4,22 +4,45 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cached_property
 from html import escape
-from typing import Literal
 
 import matplotlib
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from dappo_batch.report.theme import STYLE, WIDTH, to_variables
+from dappo_batch.report.theme import LINE, STYLE, WIDTH, Mark, to_variables
 
-__all__ = ["Picture", "anchor", "canvas", "legend", "style"]
+__all__ = ["FULL", "HALF", "THIRD", "Key", "Picture", "anchor", "canvas", "drawn_width", "style"]
 
 _DPI = 300  # of PNG files: what journals ask for
-_SHORT = 22  # most letters of a name that has half of the width
+_LETTERS = 48  # of names that fit into the width of a file, with their marks
+_MARK = 5  # letters that a mark is as wide as
+
+THIRD, HALF, FULL = 4, 6, 12
+"""Widths in a page, of 12 columns."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """An entry of a legend."""
+
+    label: str
+    mark: Mark
+
+    def artist(self) -> Artist:
+        """Return what matplotlib shows of it."""
+        colour, dash, marker = self.mark.colour, self.mark.dash, self.mark.marker
+        if not dash and not marker:
+            return Patch(color=colour, label=self.label)
+        line = Line2D([], [], color=colour, linestyle=dash, marker=marker, label=self.label)
+        line.set_markersize(4)
+        return line
 
 
 @dataclass(frozen=True)
@@ -31,41 +54,68 @@ class Picture:
     name : str
         Name of its files, without ending.
     title, caption : str
-        What it shows, in short and in a sentence or two.
-    figure : matplotlib.figure.Figure
-        The drawing.
+        What it shows, in short and in a sentence or two; an empty caption is left out.
+    draw : function
+        From a width, in, to the drawing, without a legend.
+    legend : sequence of Key
+        What is drawn how. The page has it in words above the figure, a file below the axes.
+    widest : int
+        Most columns of a page, of 12, that it can fill.
     """
 
     name: str
     title: str
     caption: str
-    figure: Figure
+    draw: Callable[[float], Figure]
+    legend: Sequence[Key] = ()
+    widest: int = FULL
 
     def png(self) -> bytes:
         """Draw into a PNG file."""
         file = io.BytesIO()
-        self.figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
+        self._for_a_file().savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
         return file.getvalue()
 
-    @cached_property
     def svg(self) -> str:
-        """The figure as an SVG file; the same figure gives the same text."""
-        file = io.StringIO()
-        # Whoever reads the file need not know when and by what it was drawn.
-        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        self.figure.savefig(file, format="svg", metadata=nothing)
-        return file.getvalue()
+        """Draw into an SVG file; the same figure gives the same text."""
+        return _svg(self._for_a_file())
 
-    def inline(self) -> str:
+    def inline(self, columns: int) -> str:
         """Draw into an element for a page that has many figures, in colours that follow the page's."""
-        svg = self.svg[self.svg.index("<svg") :]
+        svg = _svg(self.draw(drawn_width(columns)))
         # The page decides how large it is shown.
-        head, rest = svg.split(">", 1)
+        head, rest = svg[svg.index("<svg") :].split(">", 1)
         head = re.sub(r' (width|height|version|xmlns(:xlink)?)="[^"]*"', "", head)
         head += f' role="img" aria-label="{escape(self.title)}"'
         # Names of parts are unique in a page, not only in a figure.
-        rest = re.sub(r'(?<= id=")|(?<=url\(#)|(?<=href="#)', f"{anchor(self.name)}-", rest)
+        rest = re.sub(r'(?<= id=")|(?<=url\(#)|(?<=href="#)', f"{anchor(self.name)}-{columns}-", rest)
         return to_variables(f"{head}>{rest}")
+
+    def _for_a_file(self) -> Figure:
+        """Draw it with its legend."""
+        figure = self.draw(WIDTH)
+        if self.legend:
+            longest = max(len(key.label) for key in self.legend) + _MARK
+            columns = max(1, min(len(self.legend), _LETTERS // longest))
+            figure.set_figheight(figure.get_figheight() + LINE * (1 + -(-len(self.legend) // columns)))
+            handles = [key.artist() for key in self.legend]
+            figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+        return figure
+
+
+def _svg(figure: Figure) -> str:
+    file = io.StringIO()
+    # Whoever reads the file need not know when and by what it was drawn.
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    figure.savefig(file, format="svg", metadata=nothing)
+    return file.getvalue()
+
+
+def drawn_width(columns: int) -> float:
+    """Return the width of a drawing, in, that a page shows in so many columns with text of the same size."""
+    column, gap = 69.3, 32.0  # in pixels, of the widest page
+    third = THIRD * column + (THIRD - 1) * gap
+    return WIDTH * (columns * column + (columns - 1) * gap) / third
 
 
 def anchor(name: str) -> str:
@@ -78,26 +128,8 @@ def style() -> AbstractContextManager[None]:
     return matplotlib.rc_context(STYLE)
 
 
-def legend(
-    figure: Figure,
-    place: Literal["outside upper center", "outside lower center"] = "outside upper center",
-) -> None:
-    """Name what is drawn outside of the axes, in two columns where the names are short enough."""
-    names = figure.axes[0].get_legend_handles_labels()[1]
-    short = all(len(name) <= _SHORT for name in names)
-    figure.legend(loc=place, ncols=2 if short else 1)
-
-
-def canvas(height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure of the common width and its axes, row by row.
-
-    Parameters
-    ----------
-    height : float
-        Height, in.
-    rows, columns : int
-        Grid of axes.
-    """
-    figure = Figure(figsize=(WIDTH, height))
+def canvas(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return an empty figure of a width and height, in, and a grid of axes, row by row."""
+    figure = Figure(figsize=(width, height))
     axes = figure.subplots(rows, columns, squeeze=False)
     return figure, list(axes.flat)

@@ -18,19 +18,19 @@ from dappo_batch.runs import Run, load_run
 from dappo_batch.runs.run import read_lines, read_toml
 from dappo_batch.runs.tables import Table, columns, read_csv, read_text
 
-__all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Sweep", "Trace", "read"]
+__all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Table1", "Trace", "read"]
 
-_SWEEP = ("robot", "timesteps", "method", "rollouts", "seeds", "accuracy_pct", "sd_pct")
+_TABLE1 = ("robot", "timesteps", "method", "rollouts", "seeds", "accuracy_pct", "sd_pct")
 _TRACE = ("step", "forward_velocity", "damage", "told", "event")
-_CONFUSION = "true\\named"
 _EXPECTED = (
-    "expected a run folder, a folder of `diagnose train` or of `diagnose sweep`, or a trace of `adapt --log`"
+    "expected a run folder, a folder of `sweep`, `diagnose train` or `diagnose sweep`, "
+    "or a trace of `adapt --log`"
 )
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """Accuracies of a sweep, cell by cell, with the paper's."""
+class Table1:
+    """Accuracies of a sweep of diagnosers, cell by cell, with the paper's."""
 
     path: Path
     robot: str
@@ -50,7 +50,7 @@ class DiagnoserTest:
     names : tuple of str
         Damage classes, C.
     confusion : float64[C, C]
-        How often the class of a row was named as that of a column.
+        Windows of the class of a row for which that of a column was predicted.
     """
 
     data: str
@@ -71,14 +71,14 @@ class Diagnoser:
 
 @dataclass(frozen=True)
 class Trace:
-    """One walk, an entry a step."""
+    """One episode, an entry a step."""
 
     path: Path
     table: Table
 
     @property
     def onset(self) -> int | None:
-        """Step in which the damage strikes; None of a robot that stays healthy."""
+        """Row of the first step with damage; None of a robot that stays healthy."""
         damaged = np.flatnonzero(self.table["damage"] != "healthy")
         return int(damaged[0]) if len(damaged) else None
 
@@ -88,7 +88,7 @@ class Trace:
         return str(self.table["damage"][-1])
 
     def events(self) -> list[tuple[int, str, str]]:
-        """Return what happened: the row of a step, the event, and what the policy is told from then on."""
+        """Return what happened: the row of a step, the event, and the class that the policy is given."""
         found = []
         for row, (events, told) in enumerate(zip(self.table["event"], self.table["told"], strict=True)):
             found += [(row, event, str(told)) for event in str(events).split("; ") if event]
@@ -97,25 +97,29 @@ class Trace:
 
 @dataclass
 class Sources:
-    """Everything that was read."""
+    """Everything that was read, and notes about what was left out."""
 
     runs: list[Run] = field(default_factory=list)
-    sweeps: list[Sweep] = field(default_factory=list)
+    tables: list[Table1] = field(default_factory=list)
     diagnosers: list[Diagnoser] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def summary(self) -> str:
         """Return how many of each kind there are, in words."""
         kinds: dict[str, Sequence[object]] = {
             "run": self.runs,
-            "sweep": self.sweeps,
+            "sweep of diagnosers": self.tables,
             "diagnoser": self.diagnosers,
             "trace": self.traces,
         }
-        counts = [
-            f"{len(found)} {kind}{'s' if len(found) > 1 else ''}" for kind, found in kinds.items() if found
-        ]
+        counts = [f"{len(found)} {_plural(kind, len(found))}" for kind, found in kinds.items() if found]
         return ", ".join(counts)
+
+
+def _plural(kind: str, count: int) -> str:
+    first, *rest = kind.split(" ")
+    return " ".join([f"{first}s" if count > 1 else first, *rest])
 
 
 def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
@@ -136,9 +140,28 @@ def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
         except UnicodeEncodeError as error:
             raise ConfigError(f"{name!a} has no name in UTF-8, which a report shows; rename it") from error
     sources = Sources()
-    for path in dict.fromkeys(Path(os.path.realpath(fsdecode(path))) for path in paths):
+    given = dict.fromkeys(Path(os.path.realpath(fsdecode(path))) for path in paths)
+    for path in dict.fromkeys(cell for folder in given for cell in _cells(sources, folder)):
         _add(sources, path)
     return sources
+
+
+def _cells(sources: Sources, path: Path) -> list[Path]:
+    """Return the run folders of a sweep that have begun; the path itself if it is no sweep."""
+    if not (path / "sweep.json").exists():
+        return [path]
+    cells = sorted(cell for cell in path.iterdir() if (cell / "config.toml").exists())
+    if linked := [cell for cell in cells if cell.is_symlink()]:
+        raise CheckpointError(f"{linked[0]} is a symbolic link, expected a folder")
+    # A killed process can leave a file of metrics without a complete line.
+    begun = [cell for cell in cells if read_lines(cell / "metrics.jsonl")]
+    if not begun:
+        raise ConfigError(f"{path} has no training that has finished an iteration; leave it out until it has")
+    if waiting := [cell.name for cell in cells if cell not in begun]:
+        sources.notes.append(
+            f"Left out of the sweep {path.name}: {', '.join(waiting)}, which finished no iteration yet."
+        )
+    return begun
 
 
 def _add(sources: Sources, path: Path) -> None:
@@ -147,9 +170,9 @@ def _add(sources: Sources, path: Path) -> None:
     elif not path.is_dir():
         raise ConfigError(f"{path} does not exist; {_EXPECTED}")
     elif (path / "table1.csv").exists():
-        sources.sweeps.append(_sweep(path / "table1.csv"))
+        sources.tables.append(_table1(path / "table1.csv"))
     elif not (path / "config.toml").exists():
-        raise ConfigError(f"{path} has neither config.toml nor table1.csv; {_EXPECTED}")
+        raise ConfigError(f"{path} has no config.toml, sweep.json or table1.csv; {_EXPECTED}")
     elif _is_diagnoser(config := read_toml(path / "config.toml")):
         sources.diagnosers.append(_diagnoser(path, config))
     else:
@@ -171,24 +194,24 @@ def _add_file(sources: Sources, path: Path) -> None:
     if set(header) >= set(_TRACE):
         table = read_csv(path, _TRACE)
         if not len(table["step"]):
-            raise CheckpointError(f"{path} is a trace without steps; make it anew with `adapt --log`")
+            raise CheckpointError(f"{path} is a trace without steps; write it again with `adapt --log`")
         for name in ("step", "forward_velocity"):
             if table[name].dtype.kind not in "if":
                 raise CheckpointError(
-                    f"{path}: not every {name} is a number; make it anew with `adapt --log`"
+                    f"{path}: not every {name} is a number; write it again with `adapt --log`"
                 )
         sources.traces.append(Trace(path, table))
-    elif set(header) >= set(_SWEEP):
-        sources.sweeps.append(_sweep(path))
+    elif set(header) >= set(_TABLE1):
+        sources.tables.append(_table1(path))
     else:
         raise ConfigError(f"{path} begins with {','.join(header)[:60]!r}; {_EXPECTED}")
 
 
-def _sweep(path: Path) -> Sweep:
-    table = read_csv(path, _SWEEP)
+def _table1(path: Path) -> Table1:
+    table = read_csv(path, _TABLE1)
     if not len(table["robot"]):
         raise ConfigError(f"{path} has no finished cell yet; leave it out until it has")
-    return Sweep(path, str(table["robot"][0]), table)
+    return Table1(path, str(table["robot"][0]), table)
 
 
 def _diagnoser(path: Path, config: Mapping[str, Any]) -> Diagnoser:
@@ -201,10 +224,14 @@ def _diagnoser(path: Path, config: Mapping[str, Any]) -> Diagnoser:
 
 
 def _test(path: Path) -> DiagnoserTest:
-    table = read_csv(path, (_CONFUSION,))
-    names = tuple(name for name in table if name != _CONFUSION)
-    if tuple(table[_CONFUSION].astype(str)) != names:
-        raise CheckpointError(f"{path}: rows and columns name other classes; test the diagnoser again")
+    table = read_csv(path)
+    # The corner of the table says what rows and columns are.
+    corner, *classes = table
+    names = tuple(classes)
+    if tuple(table[corner].astype(str)) != names:
+        raise CheckpointError(
+            f"{path}: rows and columns have different classes; evaluate the diagnoser again"
+        )
     data = path.name.removesuffix(".confusion.csv")
     summary_path = path.with_name(f"{data}.json")
     try:

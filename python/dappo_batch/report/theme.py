@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 __all__ = [
+    "BAND",
     "GRID",
     "INK",
     "LINE",
@@ -13,7 +15,9 @@ __all__ = [
     "SERIES",
     "STYLE",
     "WIDTH",
+    "Mark",
     "css_variables",
+    "mark",
     "to_variables",
 ]
 
@@ -24,6 +28,7 @@ _COLOURS = (
     ("ink", "#1c2126", "#e6e9ec"),
     ("muted", "#5b6670", "#a3adb6"),
     ("grid", "#dde2e6", "#343b42"),
+    ("band", "#f1f4f6", "#20262c"),
     ("series-0", "#0b6e99", "#4fb3de"),
     ("series-1", "#c2571a", "#f0894a"),
     ("series-2", "#4f7d2a", "#93c766"),
@@ -32,15 +37,46 @@ _COLOURS = (
     ("series-5", "#766512", "#cdbb4c"),
 )
 _LIGHT = {name: light for name, light, _ in _COLOURS}
-PAPER, INK, MUTED, GRID = (_LIGHT[name] for name in ("paper", "ink", "muted", "grid"))
+PAPER, INK, MUTED, GRID, BAND = (_LIGHT[name] for name in ("paper", "ink", "muted", "grid", "band"))
 SERIES = tuple(light for name, light, _ in _COLOURS if name.startswith("series"))
 """Colours of lines and bars; with more of them than this, colours repeat."""
 
 WIDTH = 4.0
-"""Width of a figure, in: a phone shows it in about this size, so that text stays readable."""
+"""Width of a figure in a file, in: a phone shows it in about this size, so that text stays readable."""
 
-LINE = 0.16
+LINE = 0.17
 """Height of a line of a legend, in."""
+
+Dash: TypeAlias = Literal["", "-", "--", "-.", ":"]
+
+_DASHES: tuple[Dash, ...] = ("-", "--", ":")
+_MARKERS = ("o", "s", "^", "D")
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How something is drawn: a colour, and a line, a marker, both, or (with neither) an area.
+
+    Attributes
+    ----------
+    colour : str
+        One of the colours above.
+    dash : str
+        Matplotlib's name of a line style; empty for no line.
+    marker : str
+        Matplotlib's name of a marker; empty for none.
+    """
+
+    colour: str
+    dash: Dash = ""
+    marker: str = ""
+
+
+def mark(place: int) -> Mark:
+    """Return the mark of something by its place; the first 72 differ."""
+    turn = place // len(SERIES)
+    return Mark(SERIES[place % len(SERIES)], _DASHES[turn % len(_DASHES)], _MARKERS[turn % len(_MARKERS)])
+
 
 STYLE: Any = {
     "axes.axisbelow": True,

@@ -62,8 +62,10 @@ impl<const MIN: i64, const MAX: i64> FromStr for Whole<MIN, MAX> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // What is no number at all is refused like one that is too small.
-        Self::try_from(text.parse().unwrap_or(i64::MIN))
+        // What is no whole number is refused like one that is too small. 1e6 is one, and exact as far as its digits go.
+        let exact = |number: &f64| number.fract() == 0.0 && number.abs() <= 2f64.powi(53);
+        let float = || text.parse::<f64>().ok().filter(exact).map(|number| number as i64);
+        Self::try_from(text.parse().ok().or_else(float).unwrap_or(i64::MIN))
     }
 }
 

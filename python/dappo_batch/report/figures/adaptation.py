@@ -1,24 +1,28 @@
-"""Figures of damage in mid-walk: what is kept of the walk, and single walks step by step."""
+"""Figures of damage during an episode: what is kept of the speed, and single episodes step by step."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dappo_batch.report.picture import Picture, canvas, legend
+from dappo_batch.report.picture import Key, Picture, canvas
 from dappo_batch.report.sources import Trace
-from dappo_batch.report.theme import INK, MUTED, PAPER, SERIES
+from dappo_batch.report.theme import BAND, INK, MUTED, PAPER, SERIES, Dash, Mark, mark
 from dappo_batch.runs import Run
 from dappo_batch.runs.tables import Table
 
 __all__ = ["kept", "shares", "walks"]
 
-_COLUMNS = {"adapted": "adapted", "unadapted": "no adaptation", "unaware": "PPO-Unaware"}
+_COLUMNS = {"adapted": "with adaptation", "unadapted": "without adaptation", "unaware": "PPO-Unaware"}
 _SMOOTH = 25  # steps that a speed is averaged over: about a stride
-_WORDS = {"suspected": "suspected", "adapted": "told", "withdrawn": "withdrawn"}
+_EVENTS: dict[str, tuple[str, Dash]] = {
+    "suspected": ("damage suspected", ":"),
+    "adapted": ("diagnosis given to the policy", "--"),
+    "withdrawn": ("diagnosis withdrawn", "-."),
+}
 
 
 def shares(table: Table) -> dict[str, float]:
@@ -37,80 +41,96 @@ def shares(table: Table) -> dict[str, float]:
     return found
 
 
-def kept(runs: Sequence[Run], labels: Sequence[str]) -> Picture:
-    """Draw what is kept of the oracle's forward reward after the damage, a group of bars for each run."""
-    thickness, group = 0.17, 0.17 * 3.8
-    figure, (axes,) = canvas(0.9 + group * len(runs))
-    for index, (column, label) in enumerate(_COLUMNS.items()):
-        found = [(row, shares(run.adaptation or {}).get(column)) for row, run in enumerate(runs)]
-        bars = [(row, 100.0 * share) for row, share in found if share is not None]
-        place = [row + (index - 1) * thickness / group for row, _ in bars]
-        widths = [width for _, width in bars]
-        if bars:
-            drawn = axes.barh(place, widths, 0.9 * thickness / group, color=SERIES[index], label=label)
+def kept(runs: Sequence[Run], names: Sequence[str]) -> Picture | None:
+    """Draw what is kept of the oracle's forward reward after the damage; None where it cannot be said."""
+    found = [shares(run.adaptation or {}) for run in runs]
+    legend = [
+        Key(label, Mark(SERIES[index]))
+        for index, (column, label) in enumerate(_COLUMNS.items())
+        if any(column in one for one in found)
+    ]
+    if not legend:
+        return None
+    thickness = 0.2
+    group = thickness * (len(legend) + 0.8)
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, 0.7 + group * len(runs))
+        for index, key in enumerate(legend):
+            column = next(column for column, label in _COLUMNS.items() if label == key.label)
+            bars = [(row, 100.0 * one[column]) for row, one in enumerate(found) if column in one]
+            place = [row + (index - (len(legend) - 1) / 2) * thickness / group for row, _ in bars]
+            drawn = axes.barh(
+                place, [share for _, share in bars], 0.9 * thickness / group, color=key.mark.colour
+            )
             # The line of the oracle must not cross a number.
             background = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.4}
-            axes.bar_label(drawn, fmt="%.0f", padding=2, fontsize=7, bbox=background)
-    axes.axvline(100.0, color=MUTED, linewidth=1, linestyle="--", zorder=1.5)
-    axes.set_yticks(range(len(runs)), labels)
-    axes.set_ylim(len(runs) - 0.5, -0.5)
-    axes.grid(visible=False, axis="y")
-    axes.margins(x=0.1)
-    axes.set_xlabel("% of the oracle's forward reward")
-    figure.legend(loc="outside upper center", ncols=3)
+            axes.bar_label(drawn, fmt="%.0f %%", padding=2, fontsize=7, bbox=background)
+        axes.axvline(100.0, color=MUTED, linewidth=1, linestyle="--", zorder=1.5)
+        axes.set_yticks(range(len(runs)), names)
+        axes.set_ylim(len(runs) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.margins(x=0.12)
+        axes.set_xlabel("% of the oracle's forward reward")
+        return figure
+
     caption = (
-        "Forward reward from the damage on, as a share of that of the same policy told the truth at once "
-        "(the oracle); ratio of means over all damages."
+        "Forward reward from the onset of the damage on, as a share of that of the oracle: the same policy "
+        "with the true damage code from the onset on. Ratio of the means over all damage classes."
     )
-    return Picture("adaptation", "What is kept of the walk", caption, figure)
+    return Picture("adaptation", "Share of the oracle's forward reward", caption, draw, legend)
 
 
-def walks(traces: Sequence[Trace], name: str) -> Picture:
-    """Draw speeds of walks with the same damage, the damage and what the controller did about it."""
-    figure, (axes,) = canvas(2.9)
+def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
+    """Draw the speed over episodes with the same damage, the damage, and what the controller did about it."""
     first = traces[0]
-    for index, trace in enumerate(traces):
-        colour = SERIES[index % len(SERIES)]
-        speed = trace.table["forward_velocity"].astype(np.float64)
-        steps = trace.table["step"]
-        if len(traces) == 1:
-            axes.plot(steps, speed, color=colour, alpha=0.25, linewidth=0.6)
-        axes.plot(steps, _smooth(speed), color=colour, label=trace.path.stem)
-    marks = [] if first.onset is None else [(first.onset, "damage", INK)]
-    for index, trace in enumerate(traces):
-        colour = SERIES[index % len(SERIES)]
-        marks += [(row, word, colour) for row, word in _words(trace)]
-    _mark(axes, [(float(first.table["step"][row]), word, colour) for row, word, colour in sorted(marks)])
-    axes.set_xlabel("env step")
-    axes.set_ylabel("forward velocity, m/s")
-    axes.set_xlim(left=0)
-    if len(traces) > 1:
-        legend(figure, "outside lower center")
-    struck = "" if first.onset is None else f", {first.damage} from step {first.onset} on"
-    caption = f"Forward velocity, mean of {_SMOOTH} steps{struck}. "
-    caption += "Dashed lines: when the damage struck, and what the controller did."
-    return Picture(name, first.damage, caption, figure)
+    lines = [Key(own, Mark(mark(index).colour, "-")) for index, own in enumerate(names)]
+    happened = [[kind for _, kind in _kinds(trace)] for trace in traces]
+    events = [
+        Key(label, Mark(INK, dash))
+        for kind, (label, dash) in _EVENTS.items()
+        if any(kind in kinds for kinds in happened)
+    ]
+    if first.onset is not None:
+        events = [Key("onset of the damage", Mark(INK, "-")), *events]
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, 2.6)
+        if first.onset is not None:
+            start = float(first.table["step"][first.onset])
+            axes.axvspan(start, float(first.table["step"][-1]), color=BAND, linewidth=0, zorder=0)
+            axes.axvline(start, color=INK, linewidth=1.2)
+        for trace, key in zip(traces, lines, strict=True):
+            speed = trace.table["forward_velocity"].astype(np.float64)
+            steps = trace.table["step"]
+            if len(traces) == 1:
+                axes.plot(steps, speed, color=key.mark.colour, alpha=0.25, linewidth=0.6)
+            axes.plot(steps, _smooth(speed), color=key.mark.colour)
+            for row, kind in _kinds(trace):
+                axes.axvline(
+                    float(steps[row]), color=key.mark.colour, linewidth=1, linestyle=_EVENTS[kind][1]
+                )
+        axes.set_xlabel("env step")
+        axes.set_ylabel("forward velocity, m/s")
+        axes.set_xlim(0, max(float(trace.table["step"][-1]) for trace in traces))
+        return figure
+
+    caption = f"Forward velocity, mean over the last {_SMOOTH} steps."
+    if first.onset is not None:
+        caption += f" Shaded: {first.damage} is in force, from step {first.table['step'][first.onset]} on."
+    if any(happened):
+        caption += " Vertical lines, in the colour of their episode: what the controller did."
+    return Picture(name, first.damage, caption, draw, (*lines, *events))
 
 
-def _words(trace: Trace) -> list[tuple[int, str]]:
-    """Return the events that change what the robot does, in short."""
+def _kinds(trace: Trace) -> list[tuple[int, str]]:
+    """Return the events that change what the robot does: the row of a step, and the kind."""
     kinds = [(row, event.split(" ")[0]) for row, event, _ in trace.events()]
-    return [(row, _WORDS[kind]) for row, kind in kinds if kind in _WORDS]
-
-
-def _mark(axes: Axes, marks: Sequence[tuple[float, str, str]]) -> None:
-    """Draw vertical lines with words above each other, so that close ones do not overlap."""
-    for number, (step, word, colour) in enumerate(marks):
-        axes.axvline(step, color=colour, linewidth=0.9, linestyle=(0, (3, 2)))
-        axes.annotate(
-            word,
-            (step, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 4 + 10 * (len(marks) - 1 - number)),
-            textcoords="offset points",
-            color=colour,
-            fontsize=8,
-        )
+    # What the policy is given after a withdrawal belongs to that.
+    withdrawn = {row for row, kind in kinds if kind == "withdrawn"}
+    return [
+        (row, kind) for row, kind in kinds if kind in _EVENTS and not (kind == "adapted" and row in withdrawn)
+    ]
 
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,137 +1,221 @@
-"""Figures of evaluations: learners beside each other, over groups, classes and what they are told."""
+"""Figures of evaluations: learners over groups of damage classes, single classes and encodings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dappo_batch.report.learners import Learner
-from dappo_batch.report.picture import Picture, canvas, legend
-from dappo_batch.report.theme import INK, LINE, MUTED, SERIES
+from dappo_batch.report.figures.parts import keys, metres
+from dappo_batch.report.learners import Learner, Scores
+from dappo_batch.report.picture import HALF, Key, Picture, canvas
+from dappo_batch.report.theme import BAND, INK, MUTED, Mark, mark
 
-__all__ = ["against", "classes", "encodings", "groups", "means_of_groups"]
+__all__ = ["against", "classes", "encodings", "groups"]
 
-_WHISKERS = "Bars are means over seeds, whiskers reach from the lowest to the highest."
-_TOLD = {"true": "the truth", "zero": "nothing", "wrong": "another damage", "random": "noise"}
-_AROUND = 0.6  # in, above and below bars
-_CLASSES = 25
-"""Most classes in one figure: it should not be much taller than a screen."""
+_ENCODINGS = {
+    "true": "true damage code",
+    "zero": "all zeros: healthy",
+    "wrong": "code of another class",
+    "random": "random code",
+}
+_AROUND = 1.1  # in, above and below rows
+_LINE = 0.29  # in, of a row with a label of two lines
+_ROOM = 0.075  # in, of a learner in a row
+_ROWS = 13
+"""Most damage classes in one figure: three of them fill a screen."""
+
+_Array: TypeAlias = NDArray[np.float64]
 
 
-def classes(robot: str, learners: Sequence[Learner]) -> list[Picture]:
-    """Draw the forward reward of every damage class, learner beside learner, in figures of one scale."""
-    names = [str(name) for name in learners[0].evaluated()[0].per_class["true"]["name"]]
-    values = [learner.forward_rewards() for learner in learners]
-    farthest = max(float(rewards.max()) for rewards in values)
-    count = -(-len(names) // _CLASSES)
+def classes(robot: str, learners: Sequence[Learner], seconds: float | None) -> list[Picture]:
+    """Draw the forward reward of every damage class, group after group, in figures of one scale."""
+    scores = [learner.scores() for learner in learners]
+    groups = list(dict.fromkeys(scores[0].groups))
+    order = np.array(
+        sorted(range(len(scores[0].names)), key=lambda index: groups.index(scores[0].groups[index]))
+    )
+    scores = [each.only(order) for each in scores]
+    ends = [_reach(each) for each in scores]
+    reach = (min(low for low, _ in ends), max(high for _, high in ends))
+    parts = np.array_split(np.arange(len(order)), -(-len(order) // _ROWS))
     drawn = []
-    for number, part in enumerate(np.array_split(np.arange(len(names)), count), start=1):
-        file, title = f"{robot}-classes", "Forward reward of every damage class"
-        if count > 1:
-            file, title = f"{file}-{number}", f"{title}, {number} of {count}"
-        some = [rewards[:, part] for rewards in values]
-        drawn.append(
-            _bars(file, title, [names[index] for index in part], learners, some, thickness=0.13, to=farthest)
-        )
+    for number, part in enumerate(parts, start=1):
+        file, title = f"{robot}-classes", "Damage classes"
+        if len(parts) > 1:
+            file, title = f"{file}-{number}", f"{title}, {number} of {len(parts)}"
+        some = [each.only(part) for each in scores]
+        picture = _dots(file, title, learners, some, seconds, reach)
+        # One caption explains them all.
+        drawn.append(picture if number == 1 else replace(picture, caption=""))
     return drawn
 
 
-def groups(robot: str, learners: Sequence[Learner]) -> Picture:
+def groups(robot: str, learners: Sequence[Learner], seconds: float | None) -> Picture:
     """Draw the mean forward reward of every group of damage classes, and of all."""
-    per_learner = [means_of_groups(learner) for learner in learners]
-    names = list(per_learner[0])
-    values = [np.stack([means[name] for name in names], axis=1) for means in per_learner]
-    title = "Forward reward of groups of damage classes"
-    return _bars(f"{robot}-groups", title, names, learners, values, thickness=0.16)
+    scores = [learner.scores().of_groups() for learner in learners]
+    return _dots(f"{robot}-groups", "Groups of damage classes", learners, scores, seconds)
 
 
-def means_of_groups(learner: Learner) -> dict[str, NDArray[np.float64]]:
-    """Return the mean over the classes of every group, and ``all``: one number a seed, [S]."""
-    rewards = learner.forward_rewards()
-    of_class = learner.evaluated()[0].per_class["true"]["group"].astype(str)
-    names = dict.fromkeys(str(name) for name in of_class)
-    means = {name: rewards[:, of_class == name].mean(axis=1) for name in names}
-    return means | {"all": rewards.mean(axis=1)}
-
-
-def encodings(robot: str, learners: Sequence[Learner]) -> Picture | None:
-    """Draw the mean forward reward by what the policy is told; None if each was only told the truth."""
-    told_another = [learner for learner in learners if any(map(learner.evaluated, list(_TOLD)[1:]))]
-    told = [encoding for encoding in _TOLD if all(learner.evaluated(encoding) for learner in told_another)]
-    if not told_another or len(told) < 2:
+def encodings(robot: str, learners: Sequence[Learner], seconds: float | None) -> Picture | None:
+    """Draw the mean forward reward by the damage code that is observed; None with the true one alone."""
+    given_another = [learner for learner in learners if any(map(learner.evaluated, list(_ENCODINGS)[1:]))]
+    given = [
+        encoding for encoding in _ENCODINGS if all(learner.evaluated(encoding) for learner in given_another)
+    ]
+    if not given_another or len(given) < 2:
         return None
-    # Seeds of one bar must be those of the others.
-    compared = [learner.only(told) for learner in told_another]
+    # Seeds of one row must be those of the others.
+    compared = [learner.only(given) for learner in given_another]
     if not all(learner.runs for learner in compared):
         return None
-    values = [
-        np.stack([learner.forward_rewards(encoding).mean(axis=1) for encoding in told], axis=1)
-        for learner in compared
-    ]
-    title = "What the policy is told"
-    names = [_TOLD[encoding] for encoding in told]
-    return _bars(f"{robot}-encodings", title, names, compared, values, thickness=0.2)
+    names = tuple(_ENCODINGS[encoding] for encoding in given)
+    scores = []
+    for learner in compared:
+        # The last group is that of all classes.
+        means = [learner.scores(encoding).of_groups().only(np.array([-1])) for encoding in given]
+        joined = (
+            np.concatenate([getattr(mean, values) for mean in means], axis=1)
+            for values in ("rewards", "errors", "lengths")
+        )
+        scores.append(Scores(names, names, *joined))
+    return _dots(f"{robot}-encodings", "Observed damage code", compared, scores, seconds)
 
 
 def against(robot: str, aware: Learner, unaware: Learner, number: int) -> Picture:
     """Draw the classes' forward rewards of two learners against each other."""
-    ours, theirs = aware.forward_rewards().mean(0), unaware.forward_rewards().mean(0)
-    figure, (axes,) = canvas(3.0)
-    low, high = min(ours.min(), theirs.min(), 0.0), 1.05 * max(ours.max(), theirs.max(), 1.0)
-    axes.plot([low, high], [low, high], color=MUTED, linewidth=1, linestyle="--")
-    of_class = aware.evaluated()[0].per_class["true"]["group"].astype(str)
-    for index, group in enumerate(dict.fromkeys(of_class)):
-        chosen = of_class == group
-        colour = SERIES[index % len(SERIES)]
-        marker = "os^"[index // len(SERIES) % 3]
-        axes.scatter(theirs[chosen], ours[chosen], 22, color=colour, marker=marker, label=group)
-    axes.set_xlabel(unaware.name)
-    axes.set_ylabel(aware.name)
-    axes.set_box_aspect(1.0)
-    axes.set_xlim(low, high)
-    axes.set_ylim(low, high)
-    figure.legend(loc="outside right upper")
+    scores = aware.scores()
+    (ours, our_errors), (theirs, their_errors) = scores.over_seeds(), unaware.scores().over_seeds()
+    of_class = np.array(scores.groups)
+    legend = []
+    for place, group in enumerate(dict.fromkeys(scores.groups)):
+        how = mark(place)
+        legend.append(Key(group, Mark(how.colour, "", how.marker)))
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, min(width, 4.6))
+        # Without the axes' own margins the line would end before the corners.
+        low, high = min(ours.min(), theirs.min(), 0.0), max(ours.max(), theirs.max(), 1.0)
+        ends = low - 0.06 * (high - low), high + 0.06 * (high - low)
+        axes.plot(ends, ends, color=MUTED, linewidth=1, linestyle="--")
+        for key in legend:
+            chosen = of_class == key.label
+            colour = key.mark.colour
+            across, up = (np.nan_to_num(errors[chosen]) for errors in (their_errors, our_errors))
+            axes.errorbar(
+                theirs[chosen], ours[chosen], up, across, "none", ecolor=colour, elinewidth=0.7, alpha=0.6
+            )
+            axes.scatter(theirs[chosen], ours[chosen], 22, color=colour, marker=key.mark.marker, zorder=3)
+        axes.set_xlabel(f"forward reward of {unaware.name}")
+        axes.set_ylabel(f"forward reward of {aware.name}")
+        axes.set_box_aspect(1.0)
+        axes.set_xlim(*ends)
+        axes.set_ylim(*ends)
+        return figure
+
     ahead = int((ours > theirs).sum())
-    caption = (
-        f"Forward reward of every damage class, means over seeds; above the line {aware.name} is ahead, "
-        f"in {ahead} of {len(ours)} classes."
-    )
-    return Picture(f"{robot}-against-{number}", f"{aware.name} against {unaware.name}", caption, figure)
+    caption = f"Forward reward in every damage class{_of_seeds([aware, unaware])}. "
+    caption += f"Above the dashed line {aware.name} is ahead: in {ahead} of {len(ours)} classes."
+    caption += _of_errors([our_errors, their_errors])
+    title = f"{aware.name} and {unaware.name}"
+    return Picture(f"{robot}-against-{number}", title, caption, draw, tuple(legend), HALF)
 
 
-def _bars(
+def _ends(values: _Array, errors: _Array) -> tuple[_Array, _Array]:
+    """Return both ends of error bars; of unknown errors, both at the value."""
+    errors = np.nan_to_num(errors)
+    return values - errors, values + errors
+
+
+def _reach(scores: Scores) -> tuple[float, float]:
+    """Return the least and the largest value that is drawn."""
+    low, high = _ends(*scores.over_seeds())
+    return float(min(low.min(), scores.rewards.min())), float(max(high.max(), scores.rewards.max()))
+
+
+def _of_seeds(learners: Sequence[Learner]) -> str:
+    return ", mean over seeds" if any(len(learner.evaluated()) > 1 for learner in learners) else ""
+
+
+def _of_errors(errors: Sequence[_Array]) -> str:
+    known = any(bool(np.isfinite(each).any()) for each in errors)
+    return " Error bars: standard error of the mean over episodes." if known else ""
+
+
+def _dots(
     file: str,
     title: str,
-    names: Sequence[str],
     learners: Sequence[Learner],
-    values: Sequence[NDArray[np.float64]],
-    *,
-    thickness: float,
-    to: float | None = None,
+    scores: Sequence[Scores],
+    seconds: float | None,
+    reach: tuple[float, float] | None = None,
 ) -> Picture:
-    """Draw groups of bars downwards; `values` are [S, B] a learner, `thickness` is in inches."""
-    group = thickness * (len(learners) + 0.6)
-    figure, (axes,) = canvas(_AROUND + LINE * len(learners) + group * len(names))
-    for row, (learner, rewards) in enumerate(zip(learners, values, strict=True)):
-        place = np.arange(len(names)) + (row - (len(learners) - 1) / 2) * thickness / group
-        colour = SERIES[learner.place % len(SERIES)]
-        mean = rewards.mean(0)
-        axes.barh(place, mean, 0.9 * thickness / group, color=colour, label=learner.label())
-        if len(rewards) > 1:
-            _whiskers(axes, rewards, place)
-    axes.set_yticks(range(len(names)), names, fontsize=7 if len(names) > 12 else 8)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    if to is not None:
-        axes.set_xlim(right=1.05 * to)
-    axes.grid(visible=False, axis="y")
-    axes.set_xlabel("forward reward")
-    legend(figure)
-    return Picture(file, title, f"{title}. {_WHISKERS}", figure)
+    """Draw a row for every class, group or encoding, and in it a marker for every learner."""
+    names, of_row = scores[0].names, scores[0].groups
+    row = max(_LINE if any("+" in name for name in names) else 0.2, _ROOM * len(learners) + 0.08)
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, _AROUND + row * len(names))
+        _bands(axes, of_row)
+        for index, (learner, each) in enumerate(zip(learners, scores, strict=True)):
+            how = mark(learner.place)
+            place = np.arange(len(names)) + (index - (len(learners) - 1) / 2) * _ROOM / row
+            mean, errors = each.over_seeds()
+            axes.hlines(place, *_ends(mean, errors), color=how.colour, linewidth=1.1)
+            if len(each.rewards) > 1:
+                axes.scatter(
+                    each.rewards,
+                    np.tile(place, (len(each.rewards), 1)),
+                    7,
+                    facecolor="none",
+                    edgecolor=how.colour,
+                    linewidth=0.5,
+                    marker=how.marker,
+                    alpha=0.8,
+                )
+            axes.scatter(mean, place, 17, color=how.colour, marker=how.marker, zorder=3)
+        labels = [name.replace("+", " +\n") for name in names]
+        axes.set_yticks(range(len(names)), labels, fontsize=7.5, linespacing=1.05)
+        axes.tick_params(axis="y", length=0)
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        if reach is not None:
+            margin = 0.04 * max(reach[1] - reach[0], 1e-9)
+            axes.set_xlim(reach[0] - margin, reach[1] + margin)
+        if axes.get_xlim()[0] < 0 < axes.get_xlim()[1]:
+            axes.axvline(0.0, color=MUTED, linewidth=0.8)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("forward reward (sum of m/s)", color=INK)
+        metres(axes, seconds, "x")
+        return figure
+
+    caption = f"Forward reward{_of_seeds(learners)}." + _of_errors([each.over_seeds()[1] for each in scores])
+    if any(len(each.rewards) > 1 for each in scores):
+        caption += " Hollow markers: single seeds."
+    return Picture(file, title, caption, draw, keys(learners, lines=False))
 
 
-def _whiskers(axes: Axes, rewards: NDArray[np.float64], place: NDArray[Any]) -> None:
-    axes.hlines(place, rewards.min(0), rewards.max(0), color=INK, linewidth=0.7)
+def _bands(axes: Axes, groups: Sequence[str]) -> None:
+    """Set groups apart by their background, and name those of more than a row at the right."""
+    if len(set(groups)) == len(groups):
+        return
+    start = 0
+    for number, group in enumerate(dict.fromkeys(groups)):
+        end = start + groups.count(group)
+        if number % 2 == 0:
+            axes.axhspan(start - 0.5, end - 0.5, color=BAND, linewidth=0, zorder=0)
+        axes.annotate(
+            group,
+            (1.0, start),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7,
+            color=MUTED,
+        )
+        start = end

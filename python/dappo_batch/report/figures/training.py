@@ -6,21 +6,31 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from dappo_batch.report.learners import Learner
-from dappo_batch.report.picture import Picture, canvas, legend
-from dappo_batch.report.theme import INK, LINE, SERIES
+from dappo_batch.report.figures.parts import keys, metres
+from dappo_batch.report.learners import Curve, Learner
+from dappo_batch.report.picture import Key, Picture, canvas
+from dappo_batch.report.theme import INK, SERIES, Mark, mark
+from dappo_batch.report.words import grouped_digits
 
 __all__ = ["curves", "throughput"]
 
-_HEIGHT = 2.2
-_BAR = 0.34  # in, of a bar with its gap
-_AROUND = 0.9  # in, above and below bars
+_HEIGHT = 2.3
+_BAR = 0.4  # in, of a bar with its gap
+_AROUND = 0.75  # in, above and below bars
 
 
 def curves(
-    robot: str, learners: Sequence[Learner], column: str, title: str, unit: str, *, weighted: bool
+    robot: str,
+    learners: Sequence[Learner],
+    column: str,
+    title: str,
+    unit: str,
+    *,
+    weighted: bool,
+    seconds: float | None = None,
 ) -> Picture | None:
     """Draw a column of the metrics over training: the mean over seeds, and a band over their range.
 
@@ -36,69 +46,75 @@ def curves(
         What it is and what it is measured in.
     weighted : bool
         Whether the column is a mean over episodes.
+    seconds : float, optional
+        Duration of an env step, s, for a second axis in m; only of forward rewards.
 
     Returns
     -------
     Picture or None
         None if no learner has the column.
     """
-    figure, (axes,) = canvas(_HEIGHT + LINE * len(learners))
-    drawn = [_curve(axes, learner, column, weighted) for learner in learners]
-    if not any(drawn):
+    found = [(learner, learner.curve(column, weighted=weighted)) for learner in learners]
+    drawn = [(learner, curve) for learner, curve in found if curve is not None and curve.known.any()]
+    if not drawn:
         return None
-    axes.set_xlabel("env steps")
-    axes.set_ylabel(unit)
-    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    axes.set_xlim(left=0)
-    legend(figure)
-    caption = f"{title} in training; lines are means over seeds, bands reach from the lowest to the highest."
-    if weighted:
-        caption += " Episodes that ended in training, with exploration noise."
-    return Picture(f"{robot}-training-{column.replace('_', '-')}", title, caption, figure)
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, _HEIGHT)
+        for learner, curve in drawn:
+            _curve(axes, learner, curve)
+        axes.set_xlabel("env steps")
+        axes.set_ylabel(unit)
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axes.set_xlim(left=0)
+        metres(axes, seconds)
+        return figure
+
+    caption = f"{title} in training"
+    caption += ", of the episodes that ended, with exploration noise." if weighted else "."
+    if any(len(curve.values) > 1 for _, curve in drawn):
+        caption += " Lines are means over seeds, bands range from the lowest to the highest seed."
+    legend = keys([learner for learner, _ in drawn], lines=True)
+    return Picture(f"{robot}-training-{column.replace('_', '-')}", title, caption, draw, legend)
 
 
-def _curve(axes: Axes, learner: Learner, column: str, weighted: bool) -> bool:
-    curve = learner.curve(column, weighted=weighted)
-    if curve is None:
-        return False
-    known = np.isfinite(curve.values).all(axis=0)
-    if not known.any():
-        return False
-    steps, values = curve.env_steps[known], curve.values[:, known]
-    colour = SERIES[learner.place % len(SERIES)]
+def _curve(axes: Axes, learner: Learner, curve: Curve) -> None:
+    steps, values = curve.env_steps[curve.known], curve.values[:, curve.known]
+    how = mark(learner.place)
     # A single iteration is a point, which a line would not show.
     marker = "o" if len(steps) == 1 else ""
-    dash = "-" if learner.place < len(SERIES) else "--"
-    axes.plot(steps, values.mean(0), color=colour, linestyle=dash, marker=marker, label=learner.label())
+    axes.plot(steps, values.mean(0), color=how.colour, linestyle=how.dash, marker=marker)
     if len(values) > 1:
-        axes.fill_between(steps, values.min(0), values.max(0), color=colour, alpha=0.2, linewidth=0)
-    return True
+        axes.fill_between(steps, values.min(0), values.max(0), color=how.colour, alpha=0.2, linewidth=0)
 
 
 def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
     """Draw how long a million env steps of training took, and where the time went."""
-    figure, (axes,) = canvas(_AROUND + _BAR * len(learners))
-    names = []
-    for row, learner in enumerate(learners):
-        steps = np.array([float(run.metrics["env_steps"][-1]) for run in learner.runs]) / 1e6
-        parts = [
-            np.array([float(np.sum(run.metrics[column])) for run in learner.runs]) / steps
-            for column in ("rollout_seconds", "update_seconds")
-        ]
-        rollout, update = (float(part.mean()) for part in parts)
-        axes.barh(row, rollout, 0.7, color=SERIES[0], label="rollout" if row == 0 else None)
-        bar = axes.barh(row, update, 0.7, left=rollout, color=SERIES[1], label="update" if row == 0 else None)
-        speed = f"{1e6 / (rollout + update):,.0f} steps/s".replace(",", " ")
-        axes.bar_label(bar, [speed], padding=3, fontsize=8)
-        names.append(learner.name)
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.grid(visible=False, axis="y")
-    axes.margins(x=0.3)
-    axes.set_xlabel("seconds for a million env steps", color=INK)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    parts = ("rollout", "update")
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, _AROUND + _BAR * len(learners))
+        labels = []
+        for row, learner in enumerate(learners):
+            millions = np.array(learner.env_steps) / 1e6
+            start = 0.0
+            for colour, part in zip(SERIES, parts, strict=False):
+                spent = [float(np.sum(run.metrics[f"{part}_seconds"])) for run in learner.runs]
+                seconds = float((np.array(spent) / millions).mean())
+                axes.barh(row, seconds, 0.7, left=start, color=colour)
+                start += seconds
+            speed = f"{grouped_digits(round(1e6 / start))} env steps/s" if start > 0 else "n/a"
+            labels.append(f"{learner.name}\n{speed}")
+        axes.set_yticks(range(len(learners)), labels)
+        axes.invert_yaxis()
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("seconds for a million env steps", color=INK)
+        return figure
+
+    several = " Means over seeds." if any(len(learner.runs) > 1 for learner in learners) else ""
     caption = (
-        "Without evaluations and start-up; means over seeds. Runs are comparable where "
-        "they had the same machine to themselves."
+        f"Time of training, without evaluations and start-up.{several} Runs are comparable where they had "
+        "the same machine to themselves."
     )
-    return Picture(f"{robot}-throughput", f"Time of training, {robot}", caption, figure)
+    legend = [Key(part, Mark(colour)) for part, colour in zip(parts, SERIES, strict=False)]
+    return Picture(f"{robot}-throughput", f"Time of training, {robot}", caption, draw, legend)

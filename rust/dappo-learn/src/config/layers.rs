@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn unknown_keys_and_impossible_values_are_refused() {
         for (text, part) in [
-            ("sead = 1", "`sead` is no setting: unknown field `sead`"),
+            ("sead = 1", "`sead` is no setting; did you mean `seed`?"),
             ("[env]\nnum_env = 3", "`env.num_env`"),
             ("[env]\nnum_envs = 0", "`env.num_envs` is 0"),
             ("[env]\nnum_envs = 9_223_372_036_854_775_807", "`env.num_envs` is 9223372036854775807"),

@@ -6,6 +6,7 @@
 mod assignment;
 mod changes;
 mod layers;
+mod nearest;
 mod sift;
 
 use std::path::PathBuf;

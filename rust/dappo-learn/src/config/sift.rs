@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
+use super::nearest::nearest;
 use crate::faults::Faults;
 
 /// A step on the way from the table to a value.
@@ -62,7 +63,8 @@ fn find<T: DeserializeOwned>(path: &[Step], value: &Value, faults: &mut Faults) 
     if let Some(at) = unknown {
         let key = name(&path[..=at]);
         if !faults.concern(&key) {
-            faults.add(&key, format!("is no setting: {message}"));
+            let meant = nearest::<T>(&key).map(|meant| format!("; did you mean `{meant}`?"));
+            faults.add(&key, format!("is no setting{}", meant.unwrap_or_else(|| format!(": {message}"))));
         }
         return true;
     }

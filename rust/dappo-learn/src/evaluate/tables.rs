@@ -294,8 +294,9 @@ pub(super) mod tests {
             episodes: if standard_error.is_nan() { 1 } else { 4 },
             forward_reward,
             standard_error,
-            forward_velocity: forward_reward / 20.0,
-            distance: 0.05 * forward_reward,
+            // Binary fractions, whose means are exact.
+            forward_velocity: forward_reward / 16.0,
+            distance: forward_reward / 8.0,
             episode_return: 0.5,
             episode_length: 20.0,
             falls: class,
@@ -333,14 +334,14 @@ pub(super) mod tests {
     #[test]
     fn a_group_weighs_its_classes_equally_and_the_last_one_holds_them_all() {
         // D1: (4 + 7) / 2 = 5.5, √(3² + 4²) / 2 = 2.5. All: 20 / 4 = 5, √(2² + 3² + 4² + 6²) / 4 = √65 / 4 = 2.0156.
-        // Velocities are a twentieth of the rewards, as episodes have 20 steps; distances, too, as a step has 0.05 s.
+        // Velocities are a sixteenth and distances an eighth of the rewards.
         let expected = "\
             group,classes,episodes,forward_reward,standard_error,forward_velocity,distance,falls,diverged,\
             backend,precision,device,physics\n\
-            none,1,4,10.0000,2.0000,0.500000,0.5000,0,0,lanes,f64,cpu,rk4\n\
-            D1,2,8,5.5000,2.5000,0.275000,0.2750,3,1,lanes,f64,cpu,rk4\n\
-            D1_1 A,1,4,-1.0000,6.0000,-0.050000,-0.0500,3,1,lanes,f64,cpu,rk4\n\
-            all,4,16,5.0000,2.0156,0.250000,0.2500,6,2,lanes,f64,cpu,rk4\n";
+            none,1,4,10.0000,2.0000,0.625000,1.2500,0,0,lanes,f64,cpu,rk4\n\
+            D1,2,8,5.5000,2.5000,0.343750,0.6875,3,1,lanes,f64,cpu,rk4\n\
+            D1_1 A,1,4,-1.0000,6.0000,-0.062500,-0.1250,3,1,lanes,f64,cpu,rk4\n\
+            all,4,16,5.0000,2.0156,0.312500,0.6250,6,2,lanes,f64,cpu,rk4\n";
         let evaluation = evaluation([2.0, 3.0, 4.0, 6.0]);
         assert_eq!(evaluation.group_table(), expected);
         assert_eq!(evaluation.mean_forward_reward(), 5.0);
@@ -350,9 +351,9 @@ pub(super) mod tests {
     fn a_single_episode_a_class_has_no_standard_error() {
         let evaluation = evaluation([f64::NAN; 4]);
         let rows: Vec<String> = evaluation.group_table().lines().skip(1).map(ToOwned::to_owned).collect();
-        assert_eq!(rows[1], "D1,2,2,5.5000,,0.275000,0.2750,3,1,lanes,f64,cpu,rk4");
-        assert_eq!(rows[3], "all,4,4,5.0000,,0.250000,0.2500,6,2,lanes,f64,cpu,rk4");
+        assert_eq!(rows[1], "D1,2,2,5.5000,,0.343750,0.6875,3,1,lanes,f64,cpu,rk4");
+        assert_eq!(rows[3], "all,4,4,5.0000,,0.312500,0.6250,6,2,lanes,f64,cpu,rk4");
         let row = evaluation.class_table().lines().nth(3).map(ToOwned::to_owned).unwrap();
-        assert_eq!(row, "2,class 2,D1,1,7.0000,,0.5000,20.00,2,1,lanes,f64,cpu,rk4");
+        assert_eq!(row, "2,class 2,D1,1,7.0000,,0.437500,0.8750,0.5000,20.00,2,1,lanes,f64,cpu,rk4");
     }
 }

@@ -8,6 +8,8 @@ use crate::faults::Faults;
 
 /// Passes and rows of a minibatch at most.
 const MOST_COUNT: u64 = i32::MAX as u64;
+/// Names of the presets.
+const PRESETS: [&str; 2] = ["paper", "batch"];
 /// Units of a layer at most; whether such a network fits the memory is another question.
 pub const MOST_WIDTH: u64 = 1 << 24;
 
@@ -111,6 +113,15 @@ impl PpoConfig {
         }
     }
 
+    /// The preset whose values these are, wherever they are computed; `None` if some were changed.
+    #[must_use]
+    pub fn preset_name(&self) -> Option<&'static str> {
+        let (device, gradients) = (self.device, self.gradients);
+        PRESETS
+            .into_iter()
+            .find(|name| Self::preset(name).is_ok_and(|preset| Self { device, gradients, ..preset } == *self))
+    }
+
     /// Where gradients and Adam's steps come from.
     #[must_use]
     pub fn gradients(&self) -> Gradients {
@@ -182,8 +193,13 @@ mod tests {
 
     #[test]
     fn every_preset_passes_its_own_check_and_unknown_presets_are_named() {
-        for name in ["paper", "batch"] {
-            PpoConfig::preset(name).unwrap().check().unwrap();
+        for name in PRESETS {
+            let preset = PpoConfig::preset(name).unwrap();
+            preset.check().unwrap();
+            assert_eq!(preset.preset_name(), Some(name));
+            let elsewhere = PpoConfig { device: LearnerDevice::Wgpu, ..preset.clone() };
+            assert_eq!(elsewhere.preset_name(), Some(name));
+            assert_eq!(PpoConfig { gamma: 0.9, ..preset }.preset_name(), None);
         }
         let message = PpoConfig::preset("fast").unwrap_err().to_string();
         assert_eq!(message, "preset is \"fast\", expected \"paper\" or \"batch\"");

@@ -40,7 +40,7 @@ struct Scene {
 pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
     let wanted = arguments.controller.config().or_raise()?;
     if let Some(path) = &arguments.video {
-        film::check(py, path)?;
+        film::check(py, path, None)?;
     }
     let pool = Pool::new(arguments.simulation.threads())?;
     let scene = Scene::open(py, arguments)?;
@@ -64,7 +64,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
     if let (Some(path), Some(episode)) = (&arguments.video, contest.adapted.episodes.first()) {
         let walker = Walker::Controller(scene.classes.known_names.clone());
         let film = Film { episode, walker, factory: &scene.real };
-        film.write(py, path, caller)?;
+        film.write(py, path, None, caller)?;
     }
     Ok(0)
 }

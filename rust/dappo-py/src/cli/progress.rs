@@ -10,6 +10,15 @@ use serde::Serialize;
 use super::Caller;
 use super::console::write_note;
 
+/// A progress bar, unless it is to be hidden.
+pub fn bar(length: u64, is_shown: bool) -> ProgressBar {
+    let bar = if is_shown { ProgressBar::new(length) } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
 /// Shows a person a progress bar, or hands objects to a program, and passes Ctrl-C on.
 pub struct Watch<'a> {
     bar: ProgressBar,
@@ -21,11 +30,8 @@ pub struct Watch<'a> {
 impl<'a> Watch<'a> {
     /// A progress bar of `length` steps, or with `json` objects for `caller`.
     pub fn new(length: u64, json: bool, caller: &'a Caller) -> PyResult<Self> {
-        let bar = if json { ProgressBar::hidden() } else { ProgressBar::new(length) };
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
-            bar.set_style(style);
-        }
-        Ok(Self { bar, objects: json.then_some(caller), interrupted: caller.watch()? })
+        let (bar, objects) = (bar(length, !json), json.then_some(caller));
+        Ok(Self { bar, objects, interrupted: caller.watch()? })
     }
 
     /// Hands an object to a program; returns whether there is one.

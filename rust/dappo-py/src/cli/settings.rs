@@ -22,6 +22,8 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
     let mut layers = Layers::default();
     let default: String = robots.getattr("DEFAULT_ROBOT")?.extract()?;
     layers.set("robot", default).or_raise()?;
+    // What the shipped configurations say, too: robots of one's own are simulated in as large batches.
+    layers.set("ppo.preset", "batch").or_raise()?;
     if arguments.config.is_none() {
         // The configuration that comes with the robot: its file name and text.
         let built_in = robots.call_method1("built_in_config", (arguments.robot.as_deref(),))?;

@@ -137,9 +137,10 @@ fn create(
 
 fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {
     format!(
-        "{} · {} · {} envs × {} steps · reward {} · {} env steps → {}",
+        "{} · {} · PPO preset {} · {} envs × {} steps · reward {} · {} env steps → {}",
         factory.robot().name,
         config.learner(),
+        config.ppo.preset_name().unwrap_or("changed"),
         config.env.num_envs,
         config.horizon,
         factory.reward_name(config),

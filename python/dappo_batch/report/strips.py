@@ -1,0 +1,140 @@
+"""Film strips: a few moments of an episode of each policy, drawn by `dappo_batch.render`."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from dappo_batch._core import DappoError
+from dappo_batch.envs import make_vec
+from dappo_batch.model import ClassTable, compile_class_table
+from dappo_batch.policy import Policy
+from dappo_batch.render import RenderError, Walk, frames
+from dappo_batch.report.learners import Learner
+from dappo_batch.report.page import Frame, Note, Strip, Text
+from dappo_batch.report.words import rounded
+from dappo_batch.runs import Run
+from dappo_batch.runs.robot_of_run import robot_of_run
+
+__all__ = ["strips"]
+
+_STEPS = 200
+"""Env steps of an episode that is drawn: 10 s of the Ant."""
+_FRAMES = 6
+_MOST = 4
+"""Learners of a robot that are drawn: each takes about two seconds."""
+_SIZE = (320, 240)
+
+
+@dataclass(frozen=True)
+class _Episode:
+    """The positions, the forward velocities, m/s, and whether the robot fell."""
+
+    walk: Walk
+    velocities: list[float]
+    fell: bool
+
+
+def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
+    """Draw an episode of each learner's first seed with one damage class, the same for all.
+
+    Where nothing can be drawn, a note says why.
+
+    Parameters
+    ----------
+    learners : sequence of Learner
+        Of one robot, with the same damage classes.
+    """
+    damage = _typical(learners)
+    drawn: list[Strip] = []
+    notes: list[Note] = []
+    for learner in learners[:_MOST]:
+        try:
+            drawn.append(_strip(learner, damage))
+        except DappoError as error:
+            notes.append(Note(f"There is no film strip of {learner.name}: {error}"))
+            if isinstance(error, RenderError):
+                break  # the next one would fail, too
+    if len(learners) > _MOST:
+        notes.append(Note(f"Film strips show the first {_MOST} of {len(learners)} learners."))
+    about = Text(
+        f"The first {_STEPS} env steps of an episode with {damage} from the start on: time, and distance "
+        "along x. Damage class and start state are the same for all learners; the class has the median "
+        "forward reward of all damage classes, mean over the learners. The damaged limbs are red."
+    )
+    return [*([about] if drawn else []), *drawn, *notes]
+
+
+def _typical(learners: Sequence[Learner]) -> str:
+    """Return the damage class whose forward reward, mean over learners, is the median of all damage."""
+    scores = [learner.scores() for learner in learners]
+    means = np.mean([each.rewards.mean(axis=0) for each in scores], axis=0)
+    damaged = [index for index, name in enumerate(scores[0].names) if name != "healthy"] or [0]
+    order = sorted(damaged, key=lambda index: float(means[index]))
+    return scores[0].names[order[(len(order) - 1) // 2]]
+
+
+def _strip(learner: Learner, damage: str) -> Strip:
+    run = learner.runs[0]
+    episode = _episode(run, damage)
+    walk = episode.walk
+    last = len(walk.states) - 1
+    states = np.linspace(0, last, _FRAMES).round().astype(int).tolist()
+    distances = np.concatenate([[0.0], np.cumsum(episode.velocities) * walk.step_seconds])
+    pictures = [
+        Frame(_jpeg(picture), f"{state * walk.step_seconds:.1f} s, {rounded(distances[state])} m")
+        for state, picture in zip(states, frames(walk, states, size=_SIZE, captioned=False), strict=True)
+    ]
+    seconds = last * walk.step_seconds
+    caption = f"Seed {run.seed}: {rounded(distances[-1])} m in {seconds:.1f} s"
+    caption += ", then the robot fell." if episode.fell else "."
+    return Strip(learner.name, caption, pictures)
+
+
+def _episode(run: Run, damage: str) -> _Episode:
+    """Simulate an episode with a run's own robot, from a start state that is the same for all runs."""
+    policy = Policy.load(run.path, threads=1, robot_changed="use-run")
+    table = _class_table(run)
+    robot = make_vec(table, damage=damage, observe_damage=False, threads=1)
+    obs, _ = robot.reset(seed=0)
+    positions, velocities = [_position(robot.get_state()[0])], []
+    fell = False
+    for _ in range(_STEPS):
+        actions = policy.act(obs, damage_class=damage if policy.observes_damage else None)
+        obs, _, terminated, truncated, infos = robot.step(actions)
+        positions.append(_position(robot.get_state()[0]))
+        velocities.append(float(infos["forward_velocity"][0]))
+        fell = bool(terminated[0])
+        if fell or truncated[0]:
+            break
+    return _Episode(Walk(table, np.array(positions), damage), velocities, fell)
+
+
+def _position(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a copy of the position of the only robot; later steps may reuse the array."""
+    return np.array(qpos[0])
+
+
+def _class_table(run: Run) -> ClassTable:
+    """Compile the damage classes of a run from its own copy of the robot."""
+    damage = run.config.get("damage", {})
+    own, _, _ = robot_of_run(run.path, run.robot, damage, "use-run")
+    return compile_class_table(
+        own or run.robot,
+        types=damage.get("types"),
+        max_damaged_limbs=damage.get("max_damaged_limbs"),
+        severity=damage.get("severity", 1.0),
+        physics=run.config["env"].get("physics"),
+        damage_options=damage.get("options"),
+    )
+
+
+def _jpeg(picture: NDArray[np.uint8]) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=85)
+    return file.getvalue()

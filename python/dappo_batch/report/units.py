@@ -1,0 +1,32 @@
+"""From forward rewards to metres: how long an env step of a run lasts."""
+
+from __future__ import annotations
+
+from dappo_batch._core import DappoError
+from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
+from dappo_batch.robots import load_robot
+from dappo_batch.robots.copies import COPY_TOML
+from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
+from dappo_batch.runs import Run
+from dappo_batch.runs.robot_of_run import COPY
+
+__all__ = ["step_seconds"]
+
+
+def step_seconds(run: Run) -> float | None:
+    """Return the duration of an env step, s; None if the robot of the run cannot be read.
+
+    A forward reward, the sum of the forward velocity (m/s) over steps, times this is a distance in m.
+    """
+    copy = run.path / COPY / COPY_TOML
+    try:
+        robot = load_robot(copy if copy.is_file() else run.robot)
+        refuse(f"the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
+        with quiet_mujoco():
+            timestep = float(read_mjcf(robot.mjcf_path).option.timestep)
+    except (DappoError, OSError):
+        return None
+    except MUJOCO_ERRORS:
+        return None
+    return timestep * int(robot.spec["frame_skip"])
