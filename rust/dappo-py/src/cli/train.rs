@@ -71,7 +71,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     }
     let evaluation = pool.run(py, || {
         let stop = || watch.is_interrupted();
-        evaluate_and_save(&outcome.policy, &config, Encoding::True, &factory, &run, &stop)
+        evaluate_and_save(&outcome.policy, &config, Encoding::True, &factory, &run.evaluation(), &stop)
     })?;
     let Some(evaluation) = evaluation else {
         let root = run.root().display();

@@ -34,7 +34,8 @@ pub enum DiagnoseCommand {
 arguments! {
     /// Arguments of `diagnose collect`.
     pub struct CollectArgs {
-        /// Run folder of the expert, a policy trained with `train --healthy`; its robot and damage settings are used
+        /// Run folder of the policy that acts during the recording. For `adapt`: the damage-aware policy that will be
+        /// adapted. For the paper's Table 1: an expert, trained with `train --healthy`
         #[arg(value_name = "RUN")]
         pub expert: PathBuf,
         /// Folder of the dataset; one that holds rollouts of the same kind is continued
@@ -46,9 +47,9 @@ arguments! {
         /// Steps that are recorded
         #[arg(long, value_name = "T", allow_negative_numbers = true, default_value = "50")]
         pub timesteps: Count<1>,
-        /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
-        /// twin that is put beside the robot before every step (residual)
-        #[arg(long, default_value = "paper")]
+        /// Damage in mid-episode and a twin that is re-synchronised before every step, as `adapt` needs it (residual),
+        /// the same with a free-running twin (runtime), or damage at the start of an episode (paper)
+        #[arg(long, default_value = "residual")]
         pub preset: OneOf<Preset>,
         /// Steps of healthy walk before the damage, instead of the preset's
         #[arg(long, value_name = "FIRST-LAST")]

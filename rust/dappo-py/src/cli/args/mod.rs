@@ -78,10 +78,10 @@ arguments! {
         #[arg(long, value_name = "FILE")]
         pub config: Option<PathBuf>,
         /// Number of envs simulated at once
-        #[arg(long = "envs", alias = "num-envs", value_name = "N", allow_negative_numbers = true)]
+        #[arg(long = "envs", visible_alias = "num-envs", value_name = "N", allow_negative_numbers = true)]
         pub num_envs: Option<Count<1>> => "env.num_envs",
         /// Env steps of the whole run
-        #[arg(long = "steps", alias = "total-steps", value_name = "N", allow_negative_numbers = true)]
+        #[arg(long = "steps", visible_alias = "total-steps", value_name = "N", allow_negative_numbers = true)]
         pub total_steps: Option<AtLeast<1>> => "total_steps",
         /// Seed of all random streams
         #[arg(long, value_name = "S", allow_negative_numbers = true)]

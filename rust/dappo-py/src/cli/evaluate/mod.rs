@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 
 use dappo_learn::config::Config;
 use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate, seeds_text};
-use dappo_learn::run_folder::RunFolder;
+use dappo_learn::run_folder::EvaluationFolder;
 use dappo_learn::walk::Encoding;
 use dappo_nn::Policy;
 use pyo3::prelude::*;
@@ -52,7 +52,8 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     } else {
         let seed = runs[0].config.evaluation.seed;
         let comparison = Comparison::new(&evaluations, &other_evaluations, seed);
-        let comparison = comparison.and_then(|found| found.write(&runs[0].folder, encoding).map(|()| found));
+        let folder = runs[0].folder.evaluation_with(&runs[0].config).or_raise()?;
+        let comparison = comparison.and_then(|found| found.write(&folder, encoding).map(|()| found));
         Some(comparison.or_raise()?)
     };
     if arguments.json {
@@ -77,7 +78,8 @@ fn evaluate_all(
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
         let evaluation = pool.run(py, || {
-            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &run.folder, stop)
+            let folder = run.folder.evaluation_with(&run.config)?;
+            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &folder, stop)
         })?;
         let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
@@ -87,18 +89,18 @@ fn evaluate_all(
     Ok(Some(evaluations))
 }
 
-/// Evaluates a policy and writes its tables into `eval/`; `None` when it was interrupted.
+/// Evaluates a policy and writes what was found into a folder; `None` when it was interrupted.
 pub fn evaluate_and_save(
     policy: &Policy,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
-    run: &RunFolder,
+    folder: &EvaluationFolder,
     stop: &dyn Fn() -> bool,
 ) -> dappo_learn::Result<Option<Evaluation>> {
     let evaluation = evaluate(policy, config, encoding, factory, stop)?;
     if let Some(evaluation) = &evaluation {
-        evaluation.write(run)?;
+        evaluation.write(folder)?;
     }
     Ok(evaluation)
 }
