@@ -205,17 +205,17 @@ mod tests {
         // D1: (40 + 8) / 2 = 24, √(3² + 3²) / 2 = 2.1. All: 144 / 3 = 48, √27 / 3 = 1.7.
         let evaluation = evaluation(Encoding::True, [96.0, 40.0, 8.0], 3.0);
         let groups = "\
-            group  classes  forward reward  ± s.e.   m/s    m  falls\n\
-            none         1            96.0     3.0  4.80  4.8    0/4\n\
-            D1           2            24.0     2.1  1.20  1.2    3/8\n\
-            all          3            48.0     1.7  2.40  2.4   3/12\n\
+            group  classes  forward reward  ± s.e.   m/s     m  falls\n\
+            none         1            96.0     3.0  6.00  12.0    0/4\n\
+            D1           2            24.0     2.1  1.50   3.0    3/8\n\
+            all          3            48.0     1.7  3.00   6.0   3/12\n\
             episodes among the falls that ended because the physics diverged: 1\n\
-            mean over 3 damage classes: forward reward 48.0, 2.40 m/s, 2.4 m an episode (backend lanes, f64)\n";
+            mean over 3 damage classes: forward reward 48.0, 3.00 m/s, 6.0 m an episode (backend lanes, f64)\n";
         let classes = "\
-            class  name     group  forward reward  ± s.e.   m/s    m  length  falls\n    \
-                0  class 0  none             96.0     3.0  4.80  4.8      20    0/4\n    \
-                1  class 1  D1               40.0     3.0  2.00  2.0      20    1/4\n    \
-                2  class 2  D1                8.0     3.0  0.40  0.4      20    2/4\n";
+            class  name     group  forward reward  ± s.e.   m/s     m  length  falls\n    \
+                0  class 0  none             96.0     3.0  6.00  12.0      20    0/4\n    \
+                1  class 1  D1               40.0     3.0  2.50   5.0      20    1/4\n    \
+                2  class 2  D1                8.0     3.0  0.50   1.0      20    2/4\n";
         assert_eq!(evaluation.group_text(), groups);
         assert_eq!(evaluation.text(), [classes, groups].concat());
     }
@@ -226,22 +226,22 @@ mod tests {
         evaluation.classes.truncate(1);
         let evaluation = Evaluation::new(Encoding::Wrong, simulator(), evaluation.classes);
         let expected = "\
-            class  name     group  forward reward  ± s.e.   m/s    m  length  falls\n    \
-                0  class 0  none             96.0       –  4.80  4.8      20    0/1\n\
-            group  classes  forward reward  ± s.e.   m/s    m  falls\n\
-            none         1            96.0       –  4.80  4.8    0/1\n\
-            all          1            96.0       –  4.80  4.8    0/1\n\
-            mean over 1 damage classes: forward reward 96.0, 4.80 m/s, 4.8 m an episode (backend lanes, f64), \
+            class  name     group  forward reward  ± s.e.   m/s     m  length  falls\n    \
+                0  class 0  none             96.0       –  6.00  12.0      20    0/1\n\
+            group  classes  forward reward  ± s.e.   m/s     m  falls\n\
+            none         1            96.0       –  6.00  12.0    0/1\n\
+            all          1            96.0       –  6.00  12.0    0/1\n\
+            mean over 1 damage classes: forward reward 96.0, 6.00 m/s, 12.0 m an episode (backend lanes, f64), \
             encoding wrong\n";
         assert_eq!(evaluation.text(), expected);
     }
 
     #[test]
     fn several_runs_show_their_mean_and_range() {
-        // Means of 4 and 8; velocities and distances are a twentieth.
-        let expected = "mean of 2 runs: forward reward 6.0, 0.30 m/s, 0.3 m an episode, from 4.0 to 8.0 \
+        // Means of 4 and 12; velocities are a sixteenth, distances an eighth.
+        let expected = "mean of 2 runs: forward reward 8.0, 0.50 m/s, 1.0 m an episode, from 4.0 to 12.0 \
             (2 seeds: 3, 5)\n";
-        assert_eq!(seeds_text(&[run(3, [2.0, 4.0, 6.0]), run(5, [6.0, 8.0, 10.0])]), expected);
+        assert_eq!(seeds_text(&[run(3, [2.0, 4.0, 6.0]), run(5, [10.0, 12.0, 14.0])]), expected);
     }
 
     /// RUN has seeds 1 and 2, OTHER seed 3 and another budget.
