@@ -44,6 +44,15 @@ def test_the_version_is_that_of_the_package(capfd: pytest.CaptureFixture[str]) -
     assert capfd.readouterr().out == f"dappo-batch {package.__version__}\n"
 
 
+def test_the_package_runs_as_a_module() -> None:
+    module = [sys.executable, "-m", "dappo_batch"]
+    done = processes.run([*module, "--version"], timeout=60)
+    assert (done.returncode, done.stdout) == (0, f"dappo-batch {package.__version__}\n")
+    done = processes.run([*module, "fly"], timeout=60)
+    assert done.returncode == 2
+    assert "'fly'" in done.stderr
+
+
 # Arguments, exit code, and what the message must hold: what was wrong and what is expected.
 BAD_USAGE = [
     ((), 2, ["Usage: dappo-batch"]),

@@ -55,9 +55,8 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 
 def painter(table: ClassTable) -> LivePainter:
-    """Return what draws the robots of a class table, with the robot's camera."""
-    camera = table.robot.spec.get("pictures", {}).get("camera", -1)
-    return LivePainter(table.models, camera, *PICTURE_SIZE)
+    """Return what draws the robots of a class table."""
+    return LivePainter(table, *PICTURE_SIZE)
 
 
 def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
