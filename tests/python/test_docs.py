@@ -31,6 +31,7 @@ SLOW = {
     "rendering.md",
     "report.md",
     "sweeps.md",
+    "tutorial.md",
     "diagnose_log.py",
     "train_with_callback.py",
     "own_damage.py",
@@ -134,10 +135,8 @@ def shrunk(line: str) -> str:
     if line.startswith("dappo-batch train"):
         if "--resume" in line:
             return re.sub(r"--steps \S+", "--steps 256", line)
-        line = re.sub(r"--steps \S+", "--steps 128", line)
-        if "--envs" not in line:
-            line += " --envs 4"
-        return f"{line} {SMALL_TRAINING}"
+        line = re.sub(r" --(steps|envs) \S+", "", line)
+        return f"{line} --steps 128 --envs 4 {SMALL_TRAINING}"
     if line.startswith("dappo-batch render"):
         return f"{line} --steps 20"
     if line.startswith("dappo-batch diagnose train"):

@@ -46,8 +46,8 @@ def mean(values: dict[str, float], damage_type: str = "") -> float:
     return sum(chosen) / len(chosen)
 
 
-# A processor that rounds differently makes another training, as another seed does. The bounds lie well outside
-# the ranges over five seeds and two instruction sets that the tutorial states.
+# A processor that rounds differently makes another training, as another seed does. The bounds lie well
+# outside the ranges over five seeds and two instruction sets that the tutorial states.
 
 
 def test_the_robot_walks_with_every_damage(folder: Path) -> None:
@@ -77,6 +77,20 @@ def test_the_adapted_robot_keeps_its_speed(adaptation: dict[str, Any]) -> None:
     assert adaptation["fell"] < 0.1
     assert adaptation["adapted_share"] > adaptation["unadapted_share"] + 0.1
     assert adaptation["adapted_share"] > adaptation["unaware_share"] + 0.05
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_picture_and_the_film_are_drawn(folder: Path) -> None:
+    lines = [
+        line
+        for block in blocks(ROOT / "docs" / "tutorial.md")
+        if block.language == "sh" and not block.runnable
+        for line in block.text.splitlines()
+    ]
+    for line in lines:
+        run_line(line, folder)
+    assert (folder / "walk.png").stat().st_size > 0
+    assert (folder / "adapted.mp4").stat().st_size > 0
 
 
 def test_the_report_and_the_export_are_there(folder: Path) -> None:
