@@ -61,7 +61,6 @@ BAD_USAGE = [
     (("train", "--envs", "0"), 2, ["'0'", "--envs", "at least 1"]),
     (("train", "--envs", "-3"), 2, ["'-3'", "--envs", "at least 1"]),
     (("train", "--steps", "0"), 2, ["'0'", "--steps", "at least 1"]),
-    (("train", "--steps", "1e6"), 2, ["'1e6'", "--steps", "whole number"]),
     (("train", "--seed", "-1"), 2, ["'-1'", "--seed", "at least 0"]),
     (("train", "--threads", "0"), 2, ["'0'", "--threads", "at least 1"]),
     (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "auto, cpu, cuda, warp-cpu"]),
@@ -179,6 +178,11 @@ def test_later_sources_of_a_setting_win(tmp_path: Path, capfd: pytest.CaptureFix
     env = found["env"]
     assert isinstance(env, dict)
     assert (env["num_envs"], env["observe_damage"]) == (8, True)
+
+
+def test_large_numbers_may_be_written_with_an_exponent(capfd: pytest.CaptureFixture[str]) -> None:
+    assert config(capfd, "--steps", "1.5e6")["total_steps"] == 1_500_000
+    assert config(capfd, "--total-steps", "2E3", "--num-envs", "1e1")["total_steps"] == 2000
 
 
 @pytest.mark.parametrize("robot", ["ant", "hexapod"])
