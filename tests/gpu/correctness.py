@@ -115,7 +115,7 @@ def _trajectory_error(table: ClassTable) -> float:
     worlds.set_state(qpos, qvel)
     for row in actions:
         worlds.step(wp.array(row))
-    worlds.check_room()
+    worlds.raise_on_overflow()
     expected = [
         _by_mujoco(table.models[number], qpos[env], qvel[env], ctrl[:, env], task)
         for env, number in enumerate(classes)

@@ -103,7 +103,7 @@ def _parts(captured: CapturedStep) -> list[Any]:
 
     def act() -> None:
         policy.act(worlds.obs, worlds.episodes.key, rollout.step)
-        policy.evaluate(worlds.endings.final_obs, worlds.endings.truncated)
+        policy.evaluate(worlds.episode_ends.final_obs, worlds.episode_ends.truncated)
 
     graphs = []
     for part in (act, lambda: worlds.advance(policy.actions)):

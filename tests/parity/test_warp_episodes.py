@@ -44,21 +44,21 @@ def test_episodes_run_as_with_the_mujoco_backend(table: ClassTable) -> None:
         actions = rng.uniform(-1, 1, (COUNT, worlds.action_dim)).astype(np.float32)
         obs, rewards, terminated, truncated, infos = envs.step(actions)
         worlds.step(wp.array(actions))
-        outcome, endings = worlds.outcome, worlds.endings
+        outcome, ends = worlds.outcome, worlds.episode_ends
         np.testing.assert_array_equal(outcome.terminated.numpy(), terminated)
-        np.testing.assert_array_equal(endings.truncated.numpy(), truncated)
+        np.testing.assert_array_equal(ends.truncated.numpy(), truncated)
         np.testing.assert_allclose(outcome.reward.numpy(), rewards, rtol=1e-3, atol=1e-3)
         np.testing.assert_array_equal(worlds.episodes.damage_class.numpy(), infos["damage_class"])
         np.testing.assert_array_equal(worlds.episodes.onset.numpy(), infos["damage_onset"])
-        struck += int((endings.damage_class.numpy() != before).sum())
+        struck += int((ends.damage_class.numpy() != before).sum())
         if "final_obs" not in infos:
             continue
         ended, final = infos["_final_obs"], infos["final_info"]
-        np.testing.assert_array_equal(endings.ended.numpy(), ended)
+        np.testing.assert_array_equal(ends.ended.numpy(), ended)
         expected = np.stack(infos["final_obs"][ended])
-        np.testing.assert_allclose(endings.final_obs.numpy()[ended], expected, rtol=1e-3, atol=1e-3)
-        np.testing.assert_array_equal(endings.damage_class.numpy()[ended], final["damage_class"][ended])
-        np.testing.assert_array_equal(endings.onset.numpy()[ended], final["damage_onset"][ended])
+        np.testing.assert_allclose(ends.final_obs.numpy()[ended], expected, rtol=1e-3, atol=1e-3)
+        np.testing.assert_array_equal(ends.damage_class.numpy()[ended], final["damage_class"][ended])
+        np.testing.assert_array_equal(ends.onset.numpy()[ended], final["damage_onset"][ended])
         np.testing.assert_allclose(
             outcome.forward_velocity.numpy()[ended], final["forward_velocity"][ended], rtol=1e-3, atol=1e-3
         )

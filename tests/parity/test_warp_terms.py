@@ -16,7 +16,7 @@ import mujoco_warp as mjw
 import dappo_batch
 from dappo_batch import ClassTable
 from dappo_batch.kernels.observe import Observer
-from dappo_batch.kernels.outcome import Judge, Outcome
+from dappo_batch.kernels.outcome import Outcome, RewardTerms
 from dappo_batch.kernels.task import Task
 from dappo_batch.kernels.worlds import Worlds
 
@@ -70,7 +70,7 @@ def test_drawn_classes_and_onsets_are_those_of_the_mujoco_backend(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_steps_are_judged_as_the_mujoco_backend_judges_them(table: ClassTable, kind: str) -> None:
+def test_outcomes_of_steps_equal_those_of_the_mujoco_backend(table: ClassTable, kind: str) -> None:
     """Libmujoco does a step of every class, and the kernels read its result from their own arrays."""
     rng = np.random.default_rng(0)
     parts = [KINDS[kind](model, STATES_A_CLASS, rng) for model in table.models]
@@ -132,7 +132,7 @@ def _compare(
     observed = wp.full(obs.shape, np.nan, dtype=wp.float32)
     everyone = wp.full(len(classes), True, dtype=wp.bool)
     observer.observe(data, everyone, wp.array(classes, dtype=wp.int32), observed)
-    Judge(task).judge(data, outcome)
+    RewardTerms(task).compute(data, outcome)
     np.testing.assert_allclose(observed.numpy(), obs, rtol=1e-6, atol=TOLERANCE)
     np.testing.assert_array_equal(outcome.terminated.numpy(), terminated)
     np.testing.assert_allclose(outcome.reward.numpy(), rewards, rtol=1e-6, atol=TOLERANCE)

@@ -100,7 +100,7 @@ def by_warp(
         qpos.append(worlds.data.qpos.numpy().copy())
         qvel.append(worlds.data.qvel.numpy().copy())
         touched.append(worlds.data.cfrc_ext.numpy().any(axis=(1, 2)))
-    worlds.check_room()
+    worlds.raise_on_overflow()
     assert worlds.diverged.numpy()[0] == 0
     return Trajectories(np.array(qpos), np.array(qvel), np.array(touched))
 
