@@ -50,7 +50,7 @@ def start(command: Sequence[str | Path], **options: Any) -> subprocess.Popen[str
 
 
 def end(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Kill a process with all of its group; return what it has printed and nobody has read."""
+    """Kill the process group of a process; return its output that has not been read yet."""
     if process.returncode is None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

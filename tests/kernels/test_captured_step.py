@@ -140,7 +140,7 @@ def test_a_policy_whose_actions_are_not_finite_is_an_error(captured: CapturedSte
     log_std = captured.policy.log_std.numpy().copy()
     captured.policy.log_std.fill_(np.nan)
     try:
-        expected = f"hold {HORIZON * COUNT * 8} numbers that are not finite"
+        expected = f"contain {HORIZON * COUNT * 8} numbers that are not finite"
         with pytest.raises(FloatingPointError, match=expected):
             captured.collect(first_step=0)
     finally:

@@ -89,12 +89,12 @@ def test_skipped_worlds_keep_their_state_and_do_not_change_the_others(ant_table:
     free, held = stepper(ant_table), stepper(ant_table)
     rng = np.random.default_rng(1)
     skip = np.array([False, True, False, True])
-    nobody = np.zeros(COUNT, dtype=np.bool_)
+    no_world = np.zeros(COUNT, dtype=np.bool_)
     first, second = rng.uniform(-1, 1, (2, COUNT, 8)).astype(np.float32)
     for worlds in (free, held):
-        worlds.step(first, nobody)
+        worlds.step(first, no_world)
     before = [part.copy() for part in held.state()]
-    expected, got = free.step(second, nobody), held.step(second, skip)
+    expected, got = free.step(second, no_world), held.step(second, skip)
     for one, other in zip(expected, got, strict=True):
         np.testing.assert_array_equal(one[~skip], other[~skip])
     for one, other in zip(before, held.state(), strict=True):
@@ -108,15 +108,15 @@ def test_skipped_worlds_keep_their_state_and_do_not_change_the_others(ant_table:
 def test_a_restored_stepper_is_bit_identical_to_an_uninterrupted_one(ant_table: ClassTable) -> None:
     rng = np.random.default_rng(2)
     actions = rng.uniform(-1, 1, (4, COUNT, 8)).astype(np.float32)
-    nobody = np.zeros(COUNT, dtype=np.bool_)
+    no_world = np.zeros(COUNT, dtype=np.bool_)
     worlds = stepper(ant_table)
     for row in actions[:2]:
-        worlds.step(row, nobody)
+        worlds.step(row, no_world)
     worlds.set_classes(np.array([2]), np.array([9]))
     saved = worlds.snapshot().copy()
-    expected = [[part.copy() for part in worlds.step(row, nobody)] for row in actions[2:]]
+    expected = [[part.copy() for part in worlds.step(row, no_world)] for row in actions[2:]]
     other = stepper(ant_table)
     other.restore(saved, np.array([0, 1, 9, 3]))
     for row, step in zip(actions[2:], expected, strict=True):
-        for one, part in zip(other.step(row, nobody), step, strict=True):
+        for one, part in zip(other.step(row, no_world), step, strict=True):
             np.testing.assert_array_equal(one, part)

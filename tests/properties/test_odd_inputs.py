@@ -38,9 +38,7 @@ def room(valid_files: Path, tmp_path: Path) -> Iterator[Room]:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_an_odd_input_ends_in_a_result_or_an_error_that_says_what_is_wrong(
-    target: str, room: Room, tmp_path: Path
-) -> None:
+def test_an_odd_input_ends_in_a_result_or_a_typed_error(target: str, room: Room, tmp_path: Path) -> None:
     output = Output(tmp_path / "output")
     seen = []
 

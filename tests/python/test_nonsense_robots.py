@@ -160,7 +160,7 @@ ABSURD: dict[str, tuple[Edits, str]] = {
         ),
         "it makes 2e+06 elements with all its copies",
     ),
-    "memory that nobody has": ((before_the_end('<size memory="900G"/>'),), "<size>: memory is 900G"),
+    "memory beyond all machines": ((before_the_end('<size memory="900G"/>'),), "<size>: memory is 900G"),
     "no memory": ((before_the_end('<size memory="1"/>'),), "out of memory"),
     "a billion numbers a body": ((before_the_end('<size nuser_body="1000000000"/>'),), "<size>: nuser_body"),
     "a delay of a million steps": (
@@ -275,7 +275,7 @@ def with_pictures(folder: Path, entry: str, mjcf: Edits = ()) -> Path:
         ('<camera name="front"/><camera/><camera name="top"/>', "expected one of 'front', 'top'"),
     ],
 )
-def test_a_camera_that_the_mjcf_lacks_is_refused_with_those_that_there_are(
+def test_a_camera_that_the_mjcf_lacks_is_refused_with_the_existing_ones(
     cameras: str, reason: str, folder: Path
 ) -> None:
     mjcf = ((PLATE, f"{cameras}{PLATE}"),)
@@ -287,7 +287,7 @@ def test_a_camera_that_the_mjcf_lacks_is_refused_with_those_that_there_are(
         check_robot(load_robot(path))
 
 
-def test_the_camera_of_the_mjcf_and_none_at_all_are_welcome(folder: Path) -> None:
+def test_the_camera_of_the_mjcf_and_no_camera_are_accepted(folder: Path) -> None:
     mjcf = ((PLATE, f'<camera name="side"/>{PLATE}'),)
     for entry in ('camera = "side"', ""):
         path = with_pictures(folder, entry, mjcf)
@@ -327,7 +327,7 @@ def test_no_backend_takes_an_unfit_robot(backend: str, folder: Path) -> None:
         dappo_batch.make_vec(path, 1, backend=backend)  # type: ignore[arg-type]
 
 
-def test_a_ball_after_the_robot_is_welcome(folder: Path) -> None:
+def test_a_ball_after_the_robot_is_accepted(folder: Path) -> None:
     path = toy(folder, (("  </worldbody>", f"{SECOND}</worldbody>"),))
     envs = dappo_batch.make_vec(path, 1, max_damaged_limbs=0)
     assert envs.backend == "mujoco"
@@ -340,11 +340,11 @@ def test_a_limb_needs_a_toe_geom_for_a_missing_toe_alone(folder: Path) -> None:
     assert load_robot(path).limbs[0].toe_geom is None
     table = dappo_batch.compile_class_table(path, types=["jammed_joint"], max_damaged_limbs=1)
     assert len(table.models) == 4
-    with pytest.raises(ConfigError, match="limb north names no toe_geom"):
+    with pytest.raises(ConfigError, match="limb north has no toe_geom"):
         dappo_batch.compile_class_table(path)
 
 
-def test_limbs_that_cannot_break_are_named_all_at_once(folder: Path) -> None:
+def test_limbs_that_cannot_break_are_all_in_one_error(folder: Path) -> None:
     path = toy(folder, toml=(("joint = 1", "joint = 7"),))
     with pytest.raises(ConfigError) as caught:
         dappo_batch.compile_class_table(path)

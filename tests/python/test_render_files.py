@@ -100,7 +100,7 @@ def test_a_gif_has_the_pictures_in_their_order_at_their_times_and_repeats(tmp_pa
     assert total == 600
 
 
-def test_a_png_has_the_last_picture_to_the_bit(tmp_path: Path) -> None:
+def test_a_png_is_bit_identical_to_the_last_picture(tmp_path: Path) -> None:
     path = tmp_path / "picture.png"
     encoders.write_png(path, pictures())
     (read,), _ = decoded(path)
@@ -205,7 +205,7 @@ def test_where_no_opengl_works_each_one_that_was_tried_is_named_with_its_reason_
     assert "dappo-batch doctor" in message
 
 
-def test_an_opengl_that_gives_up_in_between_is_an_error_and_no_shorter_film(
+def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
     walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"

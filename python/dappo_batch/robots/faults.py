@@ -1,4 +1,4 @@
-"""How several faults of a robot become one error."""
+"""One error for several faults of a robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_SHOWN = 20
 
 
 def refuse(what: str, faults: Sequence[str]) -> None:
-    """Raise one error that lists all faults of `what`; nothing happens without faults.
+    """Raise an error with all faults of `what`, if there are any.
 
     Raises
     ------

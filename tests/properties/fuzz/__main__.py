@@ -1,4 +1,4 @@
-"""Try odd inputs for some minutes, in worker processes that are started anew when one kills them."""
+"""Try odd inputs for some minutes, in worker processes that are restarted when one kills them."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def main() -> int:
 
 
 class Worker:
-    """A process that is started anew whenever it ends."""
+    """A process that is restarted when it ends."""
 
     def __init__(self, out: Path, fast: Path, seed: int, number: int, names: list[str]) -> None:
         self.out, self.fast, self.seed, self.number, self.names = out, fast, seed, number, names
@@ -95,7 +95,7 @@ class Worker:
         )
 
     def look(self, limit: float) -> None:
-        """Start the process anew if it has ended; stop it if its input takes too long."""
+        """Restart the process if it has ended; stop it if its input takes too long."""
         number, target, used = self.board.now
         code = self._process.poll()
         if code is not None:

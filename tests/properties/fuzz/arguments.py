@@ -150,8 +150,8 @@ def objects(rng: Random, room: Room) -> None:
     use = rng.randrange(5)
     if use == 0:
         policy = _policy(room.base)
-        told = rng.choice((None, 1, "healthy", values.anything(rng)))
-        room.call(policy.act, values.array(rng, (2, policy.obs_dim)), damage_class=told)
+        chosen = rng.choice((None, 1, "healthy", values.anything(rng)))
+        room.call(policy.act, values.array(rng, (2, policy.obs_dim)), damage_class=chosen)
     elif use == 1:
         diagnoser = _diagnoser(room.base)
         method = rng.choice((diagnoser.diagnose, diagnoser.twin))

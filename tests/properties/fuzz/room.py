@@ -71,7 +71,7 @@ class Room:
     folder : Path
         Where the case works. It lies two levels below what is emptied, as a case may write to ``..``.
     notes : list of str
-        The calls of the case, for whoever looks at a fault.
+        The calls of the case, for the report of a fault.
     codes : list of int
         Exit codes of its command lines.
     """
