@@ -18,7 +18,7 @@ PHASES = ["machine", "graph", "physics", "decisions", "speed", "training", "test
 
 
 def findings(out: Path) -> dict[str, Any]:
-    """Read what a check has left behind."""
+    """Read the findings of a check."""
     found: dict[str, Any] = json.loads((out / "findings.json").read_text())
     assert list(found) == PHASES
     return found

@@ -1,4 +1,4 @@
-"""Some inputs of each kind that the fuzzer makes end in a result or an error that says what is wrong."""
+"""Some inputs of each kind of the fuzzer end in a result or a typed error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from .fuzz.judge import Output, attempt
+from .fuzz.outcome import Output, attempt
 from .fuzz.room import Room
 from .fuzz.targets import TARGETS
 
@@ -31,7 +31,7 @@ EXAMPLES |= {
 
 @pytest.fixture
 def room(valid_files: Path, tmp_path: Path) -> Iterator[Room]:
-    """Let a test do what it likes in a folder of its own."""
+    """Return the temporary folder of a test."""
     before = Path.cwd()
     yield Room(valid_files, tmp_path / "rooms")
     os.chdir(before)

@@ -15,7 +15,7 @@ from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
 from dappo_batch.model.requirements import find_parts
 from dappo_batch.robots import Robot, load_robot
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def compile_class_table(
         healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
         _check_memory(robot, healthy, len(space.classes))
         parts = find_parts(robot, healthy)
-        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
+        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
         damaged = (_compile_class(base, robot, item, kinds, severity) for item in space.classes[1:])
         models = (healthy, *damaged)
     sizes = _sizes(healthy)
@@ -191,7 +191,7 @@ def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
         base = _read_mjcf(robot, None)
         healthy = DamageSpace(len(robot.limbs), names, 0).classes[0]
         find_parts(robot, _compile_class(base, robot, healthy, kinds, 1.0))
-        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
+        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
 
 
 def _unfit_limbs(
@@ -233,12 +233,12 @@ def _damage_types(
             kinds[name] = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
         except ConfigError as error:
             faults.append(str(error))
-    refuse(f"robot {robot.name}", faults)
+    raise_faults(f"robot {robot.name}", faults)
     return kinds
 
 
 def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
-    refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
+    raise_faults(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
     try:
         spec = read_mjcf(robot.mjcf_path)
         spec.compiler.usethread = False  # the user chooses the number of threads

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 
 if TYPE_CHECKING:
     from dappo_batch.robots import Limb, Robot
@@ -83,7 +83,7 @@ def find_parts(robot: Robot, model: mujoco.MjModel) -> Parts:
     search.check_numbers()
     if not search.faults:
         search.check_start()
-    refuse(f"robot {robot.name}", search.faults)
+    raise_faults(f"robot {robot.name}", search.faults)
     return Parts(
         limb_bodies=tuple(map(tuple, limb_bodies)),
         touch_addresses=tuple(touch_addresses),

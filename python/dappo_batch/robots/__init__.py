@@ -15,7 +15,7 @@ from typing import Any
 
 from dappo_batch._checks import folder
 from dappo_batch._core import ConfigError, robot_faults
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 
 __all__ = ["DEFAULT_ROBOT", "ROBOTS", "Limb", "Robot", "built_in_config", "load_robot"]
 
@@ -159,7 +159,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
             )
     text = _read(path)
     faults = robot_faults(text)
-    refuse(f"the robot TOML {path}", faults)
+    raise_faults(f"the robot TOML {path}", faults)
     try:
         spec = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:

@@ -26,7 +26,7 @@ from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.flatten import flatten, lines, needed_files
 from dappo_batch.robots.mjcf import MOST_ASSET_BYTES, mjcf_faults, read_mjcf
 
@@ -85,7 +85,7 @@ class RobotCopy:
             If a file is missing or cannot be copied.
         """
         loaded = load_robot(robot)
-        refuse(f"robot {loaded.name}: the MJCF {loaded.mjcf_path}", mjcf_faults(loaded.mjcf_path))
+        raise_faults(f"robot {loaded.name}: the MJCF {loaded.mjcf_path}", mjcf_faults(loaded.mjcf_path))
         flattened = flatten(loaded.mjcf_path)
         files = {COPY_TOML: _with_mjcf(loaded).encode(), _MJCF: flattened.text.encode()}
         files |= {name: text.encode() for name, text in flattened.documents.items()}

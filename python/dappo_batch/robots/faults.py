@@ -9,12 +9,12 @@ from dappo_batch._core import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["refuse"]
+__all__ = ["raise_faults"]
 
 _MOST_SHOWN = 20
 
 
-def refuse(what: str, faults: Sequence[str]) -> None:
+def raise_faults(what: str, faults: Sequence[str]) -> None:
     """Raise an error with all faults of `what`, if there are any.
 
     Raises

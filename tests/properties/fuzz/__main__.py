@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from .judge import Fault, Output, attempt
+from .outcome import Fault, Output, attempt
 from .room import Room, prepare
 from .targets import TARGETS
 from .worker import ENDED, Board, case_name, record
@@ -110,7 +110,7 @@ class Worker:
             self._process = self._start()
 
     def _is_late(self, number: int, used: float, limit: float) -> bool:
-        """Whether an input has cost too much time of a processor, or has waited for too long."""
+        """Whether an input has used too much processor time, or has waited too long."""
         try:
             fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -157,7 +157,7 @@ def _supervise(workers: list[Worker], out: Path, seconds: float, limit: float) -
 
 
 def _summary(workers: list[Worker], out: Path) -> int:
-    """Write and print what was found so far."""
+    """Write and print the findings so far."""
     fast = workers[0].fast
     refused: Counter[str] = Counter()
     accepted: Counter[str] = Counter()
