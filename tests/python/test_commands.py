@@ -235,7 +235,7 @@ def test_settings_have_the_values_of_python(tmp_path: Path) -> None:
 
 
 def test_a_mean_reward_of_a_diagnosis_needs_a_policy(run: Path) -> None:
-    with pytest.raises(ConfigError, match="give its run folder as policy"):
+    with pytest.raises(ConfigError, match="also pass its run folder as policy"):
         dappo_batch.evaluate_diagnoser(run, data=[run], episodes=3)
     with pytest.raises(ConfigError, match="models must have at least one entry"):
         dappo_batch.evaluate_diagnoser(data=[run])

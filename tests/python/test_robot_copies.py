@@ -336,7 +336,7 @@ def test_an_untrusted_copy_reads_only_its_own_files(name: str, old: str, new: st
     (tmp_path / "copy").mkdir()
     for written, bytes_of in foreign.to_write().items():
         (tmp_path / "copy" / written).write_bytes(bytes_of)
-    with pytest.raises(CheckpointError, match=r"which is no file of the copy|it is broken or foreign"):
+    with pytest.raises(CheckpointError, match=r"which is not a file of the copy|it is broken or foreign"):
         RobotCopy.read(tmp_path / "copy")
 
 

@@ -189,7 +189,7 @@ def test_a_run_whose_robot_file_is_gone_uses_its_own_copy(place: Path, tmp_path:
 
 def test_a_robot_file_that_cannot_be_read_any_more_is_no_obstacle_to_use_run(place: Path) -> None:
     (place / "robot" / "tripod.toml").write_text("name = ")
-    assert "cannot be read any more" in refusal(lambda: dappo_batch.evaluate(place / "aware"))
+    assert "can no longer be read" in refusal(lambda: dappo_batch.evaluate(place / "aware"))
     dappo_batch.evaluate(place / "aware", threads=1, robot_changed="use-run")
 
 
@@ -212,7 +212,7 @@ def test_a_configuration_that_gives_the_code_another_meaning_is_refused(place: P
     config = place / "aware" / "config.toml"
     config.write_text(config.read_text().replace("severity = 1.0", "severity = 0.5"))
     message = refusal(lambda: dappo_batch.evaluate(place / "aware"))
-    assert "config.toml gives the damage code another meaning" in message
+    assert "config.toml changes the meaning of the damage code" in message
     assert "damage.severity: 1.0 → 0.5" in message
 
 
@@ -237,7 +237,7 @@ def test_parts_that_were_made_with_another_version_of_the_robot_are_refused(
     }
     for name, call in calls.items():
         message = refusal(call)
-        assert f"{place / name} was made with another version of the robot than {newer}" in message
+        assert f"{place / name} was created with another version of the robot than {newer}" in message
         assert 'kp="9"' in message
     assert run_cli(["export", str(newer), "--diagnoser", str(old), "--out", str(tmp_path / "export")]) == 1
     # Without the difference everything goes together.

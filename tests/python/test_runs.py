@@ -68,12 +68,12 @@ def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> Non
     path = write_run(tmp_path / "run", forward_rewards=[1.0])
     (path / "eval").mkdir(exist_ok=True)
     (path / "eval" / "per_class.csv").write_text("class,name,group,forward_reward\n")
-    with pytest.raises(CheckpointError, match=r"per_class\.csv has no rows; dappo-batch evaluate writes it"):
+    with pytest.raises(CheckpointError, match=r"per_class\.csv has no rows; run dappo-batch evaluate"):
         load_run(path)
 
 
 def test_a_folder_that_is_not_a_run_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no folder; expected a run folder"):
+    with pytest.raises(ConfigError, match="is not a folder; expected a run folder"):
         load_run(tmp_path / "nowhere")
     with pytest.raises(ConfigError, match=r"is no run folder: it has no config\.toml"):
         load_run(tmp_path)

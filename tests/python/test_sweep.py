@@ -111,7 +111,7 @@ def test_a_sweep_whose_process_is_killed_resumes_with_the_missing_cells(tmp_path
     processes.end(process)  # and its workers
     ((code, printed, _),) = dappo_batch_many(command)
     assert code == 0
-    assert printed.startswith("3 of 3 trainings are done")
+    assert printed.startswith("3 of 3 trainings completed")
     straight = dappo_batch.load_run(out / "seed=1")
     assert straight.metrics["iteration"].tolist() == list(range(1, 101))
     assert "true" in straight.per_class

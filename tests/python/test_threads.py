@@ -303,7 +303,7 @@ def test_objects_that_live_in_native_memory_refuse_to_be_pickled_or_copied(
     root = done[1][0]
     objects = {
         "get_state and set_state": dappo_batch.make_vec(table, 2),
-        "functions that make envs": gymnasium.make("dappo_batch/Ant-v0", robot=table),
+        "functions that create envs": gymnasium.make("dappo_batch/Ant-v0", robot=table),
         "same folders": Controller(root / "run", diagnoser=root / "diagnoser"),
         "its run folder": Policy.load(root / "run"),
         "its folders": Diagnoser.load(root / "diagnoser", expert=root / "run"),

@@ -134,13 +134,13 @@ def _config(folder: Path) -> dict[str, Any]:
         raise ConfigError(f"{folder} is not a folder; expected a run folder of `dappo-batch train`")
     path = folder / "config.toml"
     if not path.exists():
-        raise ConfigError(f"{folder} is not a run folder: it has no config.toml")
+        raise ConfigError(f"{folder} is no run folder: it has no config.toml")
     config = read_toml(path)
     lacking = [key for key in ("robot", "seed", "total_steps", "env", "ppo") if key not in config]
     if not lacking and not (isinstance(config["env"], dict) and "observe_damage" in config["env"]):
         lacking = ["env.observe_damage"]
     if lacking:
-        raise ConfigError(f"{folder} is not a run folder: its config.toml has no {', '.join(lacking)}")
+        raise ConfigError(f"{folder} is no run folder: its config.toml has no {', '.join(lacking)}")
     return config
 
 
