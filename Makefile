@@ -12,7 +12,7 @@ WORKERS ?= 2
 MINUTES ?= 60
 PYTEST := $(RUN) pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help setup train test test-fast test-rust test-python fuzz lint format bench docs pictures wheels clean
+.PHONY: help setup train test test-fast test-rust test-python fuzz lint format bench docs pictures wheel wheels clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -64,6 +64,9 @@ docs: setup ## Write the documentation as a site into site/
 
 pictures: setup ## Render the robots for the documentation
 	$(RUN) python docs/pictures.py
+
+wheel: $(UV) ## Build a wheel for this machine alone into dist/
+	$(MATURIN) build --release --locked --out dist
 
 wheels: $(UV) ## Build wheels for Linux on x86_64 and aarch64 and an sdist into dist/, and try this machine's
 	for machine in x86_64 aarch64; do \

@@ -44,6 +44,15 @@ def test_the_version_is_that_of_the_package(capfd: pytest.CaptureFixture[str]) -
     assert capfd.readouterr().out == f"dappo-batch {package.__version__}\n"
 
 
+def test_the_package_runs_as_a_module() -> None:
+    module = [sys.executable, "-m", "dappo_batch"]
+    done = processes.run([*module, "--version"], timeout=60)
+    assert (done.returncode, done.stdout) == (0, f"dappo-batch {package.__version__}\n")
+    done = processes.run([*module, "fly"], timeout=60)
+    assert done.returncode == 2
+    assert "'fly'" in done.stderr
+
+
 # Arguments, exit code, and what the message must hold: what was wrong and what is expected.
 BAD_USAGE = [
     ((), 2, ["Usage: dappo-batch"]),
@@ -52,7 +61,6 @@ BAD_USAGE = [
     (("train", "--envs", "0"), 2, ["'0'", "--envs", "at least 1"]),
     (("train", "--envs", "-3"), 2, ["'-3'", "--envs", "at least 1"]),
     (("train", "--steps", "0"), 2, ["'0'", "--steps", "at least 1"]),
-    (("train", "--steps", "1e6"), 2, ["'1e6'", "--steps", "whole number"]),
     (("train", "--seed", "-1"), 2, ["'-1'", "--seed", "at least 0"]),
     (("train", "--threads", "0"), 2, ["'0'", "--threads", "at least 1"]),
     (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "auto, cpu, cuda, warp-cpu"]),
@@ -172,6 +180,11 @@ def test_later_sources_of_a_setting_win(tmp_path: Path, capfd: pytest.CaptureFix
     env = found["env"]
     assert isinstance(env, dict)
     assert (env["num_envs"], env["observe_damage"]) == (8, True)
+
+
+def test_large_numbers_may_be_written_with_an_exponent(capfd: pytest.CaptureFixture[str]) -> None:
+    assert config(capfd, "--steps", "1.5e6")["total_steps"] == 1_500_000
+    assert config(capfd, "--total-steps", "2E3", "--num-envs", "1e1")["total_steps"] == 2000
 
 
 @pytest.mark.parametrize("robot", ["ant", "hexapod"])

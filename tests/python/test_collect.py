@@ -37,7 +37,8 @@ def expert(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def arguments(expert: Path, out: Path, *more: str, rollouts: int = 5) -> tuple[str | Path, ...]:
     sizes = ("--rollouts", str(rollouts), "--timesteps", str(STEPS), "--seed", "3")
-    return ("diagnose", "collect", expert, "--out", out, *sizes, *more)
+    preset = () if "--preset" in more else ("--preset", "paper")
+    return ("diagnose", "collect", expert, "--out", out, *sizes, *preset, *more)
 
 
 @pytest.fixture(scope="module")
@@ -269,18 +270,20 @@ def test_collection_resumes_after_a_kill_at_its_start_and_with_any_spelling_of_t
             "5",
             "--timesteps",
             str(STEPS),
+            "--preset",
+            "paper",
         ]
         assert run_cli([*command, "--seed", "3"]) == 0
         assert path.read_bytes() == expected
     path.write_bytes(b"other notes")
     with pytest.raises(package.CheckpointError, match="its header does not fit"):
-        package.collect_pairs(expert, cut, rollouts=5, timesteps=STEPS, seed=3)
+        package.collect_pairs(expert, cut, preset="paper", rollouts=5, timesteps=STEPS, seed=3)
     assert path.read_bytes() == b"other notes"
 
 
 def test_a_shard_that_is_being_collected_is_refused_and_others_are_not(expert: Path, tmp_path: Path) -> None:
     out = tmp_path / "pairs"
-    options: dict[str, Any] = {"rollouts": 4, "timesteps": STEPS, "seed": 3, "threads": 1}
+    options: dict[str, Any] = {"preset": "paper", "rollouts": 4, "timesteps": STEPS, "seed": 3, "threads": 1}
     (first,) = package.collect_pairs(expert, out, shard="0/2", **options)
     with first.open("r+b") as file:
         # What the collecting process holds.

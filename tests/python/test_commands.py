@@ -244,7 +244,8 @@ def test_a_mean_reward_of_a_diagnosis_needs_a_policy(run: Path) -> None:
 
 
 def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
-    files = dappo_batch.collect_pairs(run, tmp_path / "pairs", rollouts=6, timesteps=4, threads=1)
+    paper: dict[str, Any] = {"preset": "paper", "timesteps": 4, "threads": 1}
+    files = dappo_batch.collect_pairs(run, tmp_path / "pairs", rollouts=6, **paper)
     records = np.load(files[0], mmap_mode="r")
     assert records["damaged"].shape[:3] == (6, 9, 4)
     lines: list[dict[str, Any]] = []
@@ -255,7 +256,7 @@ def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
     assert [epoch.to_dict() for epoch in epochs] == lines
     lines = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
     assert [line["train_loss"] for line in lines] == [epoch.train_loss for epoch in epochs]
-    dappo_batch.collect_pairs(run, tmp_path / "test", rollouts=2, timesteps=4, seed=7, threads=1)
+    dappo_batch.collect_pairs(run, tmp_path / "test", rollouts=2, seed=7, **paper)
     (tested,) = dappo_batch.evaluate_diagnoser(out, data=[tmp_path / "test"], threads=1)
     assert tested.summary.windows == 2 * 9
     assert len(tested.class_accuracy) == len(tested.classes) == 9

@@ -42,7 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def collect(root: Path, name: str, rollouts: int, seed: int, *more: str) -> tuple[str | Path, ...]:
     sizes = ("--rollouts", str(rollouts), "--timesteps", "12", "--seed", str(seed))
-    return ("diagnose", "collect", root / "expert", "--out", root / name, *sizes, *more)
+    preset = () if "--preset" in more else ("--preset", "paper")
+    return ("diagnose", "collect", root / "expert", "--out", root / name, *sizes, *preset, *more)
 
 
 def matrix(path: Path) -> np.ndarray[Any, np.dtype[np.int64]]:

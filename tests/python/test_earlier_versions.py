@@ -5,6 +5,8 @@ They are of an Ant with jammed joints, a policy of two hidden units, and a diagn
 
 from __future__ import annotations
 
+import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -46,7 +48,19 @@ def test_a_run_of_an_earlier_version_resumes(tmp_path: Path) -> None:
 
 
 def test_an_export_of_the_run_and_the_diagnoser_is_that_of_the_earlier_version(tmp_path: Path) -> None:
-    out = tmp_path / "export"
-    command_line("export", EARLIER / "run", "--diagnoser", EARLIER / "diagnoser", "--out", out)
+    run, out = tmp_path / "run", tmp_path / "export"
+    shutil.copytree(EARLIER / "run", run)
+    command = ("export", run, "--diagnoser", EARLIER / "diagnoser", "--out", out)
+    _, err = command_line(*command, code=1)
+    assert f"`dappo-batch evaluate {run}` writes it" in err
+    # What an evaluation would write, with the digits of the earlier table.
+    with (run / "eval" / "per_class.csv").open(newline="") as file:
+        velocities = {
+            row["name"]: round(float(row["forward_reward"]) / float(row["episode_length"]), 6)
+            for row in csv.DictReader(file)
+        }
+    classes = [{"name": name, "forward_velocity": velocity} for name, velocity in velocities.items()]
+    (run / "eval" / "evaluation.json").write_text(json.dumps({"classes": classes}))
+    command_line(*command)
     assert files(out) == files(EARLIER / "export")
     assert Controller.from_export(EARLIER / "export").class_names[0] == "healthy"

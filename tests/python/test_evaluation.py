@@ -103,7 +103,7 @@ def test_a_single_episode_has_no_standard_error_in_any_table(runs: Path, tmp_pat
     run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
     found, _ = evaluate(run, "--episodes", "1")
     for table in ("per_class.csv", "groups.csv"):
-        assert {row["standard_error"] for row in read(run / "eval" / table)} == {""}
+        assert {row["standard_error"] for row in read(run / "eval" / "episodes-1" / table)} == {""}
     assert {group["standard_error"] for group in found["runs"][0]["groups"]} == {None}
 
 
@@ -258,20 +258,40 @@ def test_one_seed_and_missing_pairs_are_printed(tmp_path: Path) -> None:
     assert no_ratio == bool(resampled((rewards, rewards))[1].min() <= 0)
 
 
+def test_an_evaluation_with_other_settings_leaves_that_of_the_run_alone(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    names = ["evaluation.json", "groups.csv", "per_class.csv"]
+    own = {name: (run / "eval" / name).read_bytes() for name in names}
+    dappo_batch("evaluate", run, "--episodes", "2", "--seed", "7")
+    extra = run / "eval" / "episodes-2_seed-7"
+    assert sorted(path.name for path in extra.iterdir()) == names
+    stored = json.loads((extra / "evaluation.json").read_text())
+    assert [entry["episodes"] for entry in stored["classes"]] == [2] * 33
+    rows = read(extra / "per_class.csv")
+    for entry, row in zip(stored["classes"], rows, strict=True):
+        assert row["name"] == entry["name"]
+        assert float(row["forward_reward"]) == pytest.approx(entry["forward_reward"], abs=1e-4)
+    # With the settings of the run it is the same again.
+    (run / "eval" / "per_class.csv").unlink()
+    dappo_batch("evaluate", run)
+    assert {name: (run / "eval" / name).read_bytes() for name in names} == own
+
+
 def test_several_runs_alone_are_averaged(runs: Path, tmp_path: Path) -> None:
     copies = [shutil.copytree(runs / name, tmp_path / name) for name in AWARE]
     for copy in copies:
         shutil.rmtree(copy / "eval")
     found, _ = evaluate(*copies)
     assert (found["others"], found["comparison"]) == ([], None)
-    assert {path.name for path in tmp_path.glob("*/eval/*")} == {"per_class.csv", "groups.csv"}
+    written = {"per_class.csv", "groups.csv", "evaluation.json"}
+    assert {path.name for path in tmp_path.glob("*/eval/*")} == written
     text, _ = dappo_batch("evaluate", *copies)
     means = [run["groups"][-1]["forward_reward"] for run in found["runs"]]
     lengths = [[entry["episode_length"] for entry in run["classes"]] for run in found["runs"]]
     rewards = [[entry["forward_reward"] for entry in run["classes"]] for run in found["runs"]]
+    mean, velocity = np.mean(means), np.mean(np.divide(rewards, lengths))
     assert text.splitlines()[-1] == (
-        f"mean of 3 runs: forward reward {np.mean(means):.1f}, "
-        f"{np.mean(np.divide(rewards, lengths)):.2f} m/s, {np.mean(means) / 20:.1f} m an episode, "
+        f"mean of 3 runs: forward reward {mean:.1f}, {velocity:.2f} m/s, {mean / 20:.1f} m an episode, "
         f"from {min(means):.1f} to {max(means):.1f} (3 seeds: 1, 2, 3)"
     )
 

@@ -408,6 +408,10 @@ def test_command_lines_are_bytes_as_well(
     assert dappo_batch._core.run_cli(["train", os.fsdecode(b"--r\xff")]) == 2
     assert dappo_batch._core.run_cli(["report", run, "--out", run]) == 1
     assert "error: " in capfd.readouterr().err
+    page = os.fsdecode(os.fsencode(tmp_path) + b"/page\xff")
+    assert dappo_batch._core.run_cli(["report", str(made / "run"), "--out", page]) == 0
+    assert "page\ufffd (" in capfd.readouterr().out
+    assert os.path.getsize(page) > 0
 
 
 def test_a_sweep_does_not_follow_links(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
 import time
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from .. import processes
 from .command_line import TINY, dappo_batch_many, start
 from .command_line import dappo_batch as run
 
@@ -79,7 +82,9 @@ def test_limbs_are_red_from_the_step_on_in_which_the_damage_strikes(
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_png_shows_the_last_step_of_a_policy_or_a_controller(parts: Path, tmp_path: Path) -> None:
+def test_a_png_of_one_frame_shows_the_last_step_of_a_policy_or_a_controller(
+    parts: Path, tmp_path: Path
+) -> None:
     walks: dict[str, tuple[str | Path, ...]] = {
         "healthy": ("--damage", "healthy"),
         "damaged": ("--damage", "jammed_joint@0"),
@@ -87,15 +92,35 @@ def test_a_png_shows_the_last_step_of_a_policy_or_a_controller(parts: Path, tmp_
     }
     paths = {name: tmp_path / f"{name}.png" for name in walks}
     commands = [
-        ("render", parts / "ant", *walk, "--steps", "3", "--out", paths[name]) for name, walk in walks.items()
+        ("render", parts / "ant", *walk, "--steps", "3", "--strip", "1", "--out", paths[name])
+        for name, walk in walks.items()
     ]
     done = dappo_batch_many(*commands)
-    assert done == [(0, "", f"{path}: pictures 1, steps 3\n") for path in paths.values()]
+    assert done == [(0, "", f"{path}: frames 1, steps 3\n") for path in paths.values()]
     pictures = {name: decoded(path)[0][1] for name, path in paths.items()}
     assert pictures["healthy"].shape == (480, 640, 3)
     assert red(pictures["healthy"]) == 0
     assert red(pictures["damaged"]) > 50
     assert red(pictures["controlled"]) > 50
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+def test_a_terminal_shows_how_many_frames_are_drawn(parts: Path, tmp_path: Path) -> None:
+    screen, terminal = os.openpty()
+    path = tmp_path / "walk.gif"
+    command = ("render", parts / "ant", "--steps", "5", "--out", path)
+    process = processes.start([*processes.DAPPO_BATCH, *command], stderr=terminal)
+    os.close(terminal)
+    shown = b""
+    # The end of a terminal without a writer is an error on Linux.
+    with contextlib.suppress(OSError):
+        while read := os.read(screen, 4096):
+            shown += read
+    os.close(screen)
+    assert process.wait(timeout=60) == 0
+    assert b"frame 6/6" in shown
+    assert f"{path.name}: frames 6, steps 5".encode() in shown
 
 
 @pytest.mark.slow
@@ -149,6 +174,12 @@ def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Pat
         adapt(parts, "--video", tmp_path / "walk.avi"): (1, "expected one of .mp4, .gif, .png"),
         (*render_it, "--at", "9", "--steps", "9"): (1, "strike at step 9, but an episode has 9 steps"),
         (*render_it, "--damage", "missing_toe@7"): (1, "missing_toe@7"),
+        (*render_it, "--camera", "top"): (
+            1,
+            "camera is 'top', expected auto, left, right, front, back, or a camera",
+        ),
+        (*render_it, "--strip", "0"): (2, "--strip"),
+        (*render_it, "--strip", "65"): (1, "strip must be"),
         (*render_it, "--expert", parts / "ant"): (2, "--diagnoser"),
     }
     done = dappo_batch_many(*expected)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from dappo_batch import ClassTable, ConfigError, SimulationError
 from dappo_batch.envs import DamageEnv
 from dappo_batch.render import RenderError, opengl
 from dappo_batch.render.live import LivePainter
+
+from .bare_robot import quadruped
 
 PICTURE = (480, 480, 3)
 
@@ -59,10 +63,37 @@ def test_a_vector_env_gives_a_picture_of_each_env_equal_to_that_of_the_single_en
         env.reset(seed=5 + index, options={"damage_class": damage})
         np.testing.assert_array_equal(pictures[index], env.render())
     # The model of the damage alone looks the same as one that became it.
-    painter = LivePainter([ant_table.models[ant_table.space.parse(damages[1])]], "track", *PICTURE[:2])
-    np.testing.assert_array_equal(painter.draw(0, env.get_state()[0]), pictures[1])
+    painter = LivePainter(ant_table, *PICTURE[:2])
+    damage_class = ant_table.space.parse(damages[1])
+    np.testing.assert_array_equal(painter.draw(damage_class, env.get_state()[0]), pictures[1])
     painter.close()
     env.close()
+    envs.close()
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("length", [0.3, 2.0])
+def test_a_robot_of_any_size_is_in_the_middle_of_the_frame_wherever_it_is(
+    length: float, tmp_path: Path
+) -> None:
+    envs = dappo_batch.make_vec(quadruped(tmp_path, length), 2, damage="healthy", render_mode="rgb_array")
+    envs.reset(seed=0)
+    qpos, qvel = envs.get_state()
+    qpos[1, :2] += [30.0 * length, -20.0 * length]
+    envs.set_state(qpos, qvel)
+    frames = envs.render()
+    assert isinstance(frames, tuple)
+    assert len(frames) == 2
+    for frame in frames:
+        assert (frame.shape, frame.dtype) == (PICTURE, np.uint8)
+        pixels = frame.astype(int)
+        # The trunk has the orange of a robot without colours: neither sky, floor nor limbs are as red.
+        rows, columns = np.nonzero(pixels[..., 0] > 1.5 * pixels[..., 2])
+        middle = np.array([np.median(rows), np.median(columns)]) / PICTURE[:2]
+        assert np.abs(middle - 0.5).max() < 0.15
+        assert np.ptp(columns) > 0.25 * PICTURE[1]
+        assert columns.min() > 0
+        assert columns.max() < PICTURE[1] - 1
     envs.close()
 
 

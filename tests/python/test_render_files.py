@@ -20,6 +20,7 @@ from dappo_batch.render import RenderError, Walk, encoders, film, opengl
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
 from dappo_batch.render.scene import RED, become, painted
+from dappo_batch.render.scenery import with_scenery
 
 Picture = NDArray[np.uint8]
 WIDTH, HEIGHT = 96, 64
@@ -100,12 +101,18 @@ def test_a_gif_has_the_pictures_in_their_order_at_their_times_and_repeats(tmp_pa
     assert total == 600
 
 
-def test_a_png_is_bit_identical_to_the_last_picture(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (4, 1, 4), (5, 2, 3), (12, 3, 4)])
+def test_a_png_has_bit_identical_pictures_in_rows(
+    count: int, rows: int, columns: int, tmp_path: Path
+) -> None:
     path = tmp_path / "picture.png"
-    encoders.write_png(path, pictures())
+    encoders.write_png(path, itertools.islice(pictures(), count))
     (read,), _ = decoded(path)
-    *_, last = pictures()
-    np.testing.assert_array_equal(read, last)
+    gap = 4
+    assert read.shape == (rows * (HEIGHT + gap) - gap, columns * (WIDTH + gap) - gap, 3)
+    for index, expected in enumerate(itertools.islice(pictures(), count)):
+        top, left = (HEIGHT + gap) * (index // columns), (WIDTH + gap) * (index % columns)
+        np.testing.assert_array_equal(read[top : top + HEIGHT, left : left + WIDTH], expected)
 
 
 @pytest.mark.parametrize("size", [(640, 480), (480, 360), (320, 240)])
@@ -114,8 +121,9 @@ def test_captions_fit_into_the_picture_and_leave_the_rest_of_it_alone(size: tupl
     grey = np.full((height, width, 3), 128, np.uint8)
     caption = Caption(
         "123.4 s   step 2468   -0.12 m/s",
-        "damage: missing_toe@2+jammed_joint@3",
-        "controller: diagnosis: missing_toe@2+jammed_joint@3 (100 %)",
+        "damage: missing toe (back right) + jammed joint (front right)",
+        "controller: diagnosed as missing toe (back right) + jammed joint (front right), confidence 100 %,"
+        " policy adapted",
         damaged=True,
     )
     calm = caption._replace(damaged=False)
@@ -163,6 +171,21 @@ def test_a_film_that_fails_halfway_leaves_the_older_one_as_it_was(
         render.write(path, walk)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_progress_is_reported_after_every_frame(
+    walk: Walk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(film, "draw", canned)
+    calls: list[tuple[int, int]] = []
+    render.write(tmp_path / "film.gif", walk, progress=lambda drawn, count: calls.append((drawn, count)))
+    assert calls == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
+
+
+@pytest.mark.parametrize("strip", [0, 65])
+def test_a_strip_of_no_or_too_many_frames_is_refused(strip: int, walk: Walk, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="strip must be"):
+        render.write(tmp_path / "film.png", walk, strip=strip)
 
 
 def test_a_file_of_another_kind_or_in_no_folder_or_of_odd_size_is_refused(walk: Walk, tmp_path: Path) -> None:
@@ -228,7 +251,8 @@ def test_a_window_without_a_screen_is_refused_with_what_works_instead(
 
 
 def test_a_window_shows_the_body_of_the_damaged_robot_as_well_as_its_colours(walk: Walk) -> None:
-    healthy, damaged = (painted(walk.table, walk.table.space.parse(name)) for name in (0, walk.damage))
+    scenery, parse = with_scenery(walk.table), walk.table.space.parse
+    healthy, damaged = (painted(walk.table, parse(name), scenery) for name in (0, walk.damage))
     become(healthy, damaged)
     toe = healthy.geom(walk.table.robot.limbs[0].toe_geom)
     np.testing.assert_array_equal(

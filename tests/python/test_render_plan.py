@@ -1,4 +1,4 @@
-"""What films show and when, without drawing: captions, colours, schedule and camera."""
+"""What films show and when, without drawing: captions, colours and schedule."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import dappo_batch
 from dappo_batch import ClassTable, ConfigError, Event, ShapeError
 from dappo_batch.render import Walk
-from dappo_batch.render.camera import view
-from dappo_batch.render.captions import beliefs, captions
+from dappo_batch.render.captions import captions, findings, readable
 from dappo_batch.render.scene import RED, painted, scene
-from dappo_batch.render.schedule import schedule
+from dappo_batch.render.scenery import with_scenery
+from dappo_batch.render.schedule import evenly, schedule
 
 NAMES = ("healthy", "jammed_joint@0", "missing_toe@0")
 
@@ -38,7 +38,7 @@ def diagnosed(step: int, damage_class: int, confidence: float, accepted: bool = 
     return event(step, "diagnosed", **{"class": damage_class}, confidence=confidence, accepted=accepted)
 
 
-def test_the_caption_shows_the_state_of_the_controller() -> None:
+def test_the_caption_follows_the_events_of_the_controller() -> None:
     events = [
         event(2, "suspected"),
         diagnosed(4, 2, 0.97),
@@ -49,17 +49,34 @@ def test_the_caption_shows_the_state_of_the_controller() -> None:
         event(9, "readings_back"),
         event(10, "withdrawn", **{"class": 2}, residual=0.4, healthy=0.2),
         event(10, "adapted", **{"class": 0}),
+        event(11, "suspected"),
+        diagnosed(12, 0, 0.9),
     ]
-    assert beliefs(events, NAMES, 11) == [
-        *(["healthy"] * 2),
-        *(["examining …"] * 2),
-        *(["diagnosis: missing_toe@0 (97 %)"] * 2),
-        "examining …",
-        "not sure: jammed_joint@0 (31 %)",
-        "not sure: jammed_joint@0 (31 %), readings lost",
-        "not sure: jammed_joint@0 (31 %)",
-        "not missing_toe@0: taken for healthy",
+    assert findings(events, NAMES, ["left hind"], 13) == [
+        *(["no damage suspected"] * 2),
+        *(["damage suspected, examining"] * 2),
+        *(["diagnosed as missing toe (left hind), confidence 97 %, policy adapted"] * 2),
+        "damage suspected, examining",
+        "no diagnosis: jammed joint (left hind), confidence 31 %",
+        "no diagnosis: jammed joint (left hind), confidence 31 %, readings lost",
+        "no diagnosis: jammed joint (left hind), confidence 31 %",
+        "diagnosis withdrawn: missing toe (left hind), policy reset to healthy",
+        "damage suspected, examining",
+        "diagnosed as healthy, confidence 90 %",
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("healthy", "healthy"),
+        ("missing_toe@1", "missing toe (hind limb)"),
+        ("weak_motor@0+jammed_joint@1", "weak motor (front) + jammed joint (hind limb)"),
+        ("missing_toe@7", "missing toe (limb 7)"),
+    ],
+)
+def test_damage_is_shown_in_words_with_the_names_of_the_limbs(name: str, expected: str) -> None:
+    assert readable(name, ["front", "hind_limb"]) == expected
 
 
 @pytest.mark.parametrize(
@@ -91,9 +108,10 @@ def test_the_caption_shows_the_damage_from_its_onset_on_and_the_speed_of_the_las
     )
     said = captions(walk)
     assert len(said) == 2 * second + 1
-    assert [caption.damage for caption in said[4:6]] == ["damage: none", "damage: missing_toe@1"]
+    limb = table.robot.limbs[1].name.replace("_", " ")
+    assert [caption.damage for caption in said[4:6]] == ["healthy", f"damage: missing toe ({limb})"]
     assert [caption.damaged for caption in said[4:6]] == [False, True]
-    assert {caption.belief for caption in said} == {"a note"}
+    assert {caption.finding for caption in said} == {"a note"}
     assert said[0].time == "0.0 s   step 0"
     assert said[second].time == f"{second * dt:.1f} s   step {second}   1.00 m/s"
     assert said[-1].time.endswith("3.00 m/s")
@@ -105,7 +123,7 @@ def test_a_walk_without_velocities_and_controller_is_captioned_with_time_and_dam
     table: ClassTable,
 ) -> None:
     (caption,) = captions(Walk(table, table.models[0].qpos0))
-    assert (caption.time, caption.damage, caption.belief) == ("0.0 s   step 0", "damage: none", "")
+    assert (caption.time, caption.damage, caption.finding) == ("0.0 s   step 0", "healthy", "")
 
 
 @pytest.mark.parametrize("step_seconds", [0.05, 0.015, 0.004, 1.0])
@@ -121,21 +139,31 @@ def test_pictures_show_the_state_of_their_time_and_never_come_too_fast(
     late = np.arange(len(plan.states)) * plan.seconds - np.array(plan.states) * step_seconds
     assert (late > -1e-9).all()
     assert (late < step_seconds + 1e-9).all()
+    if unit is None:
+        assert len(set(np.diff(plan.states))) == 1, "the robot moves evenly"
     # The film is as long as the walk.
     assert 300 * step_seconds - len(plan.states) * plan.seconds < plan.seconds
+
+
+@pytest.mark.parametrize(
+    ("states", "frames", "expected"),
+    [(401, 4, [0, 133, 267, 400]), (401, 1, [400]), (3, 8, [0, 1, 2]), (1, 4, [0]), (401, 2, [0, 400])],
+)
+def test_a_strip_goes_from_the_first_state_to_the_last(states: int, frames: int, expected: list[int]) -> None:
+    assert evenly(states, frames) == expected
 
 
 def test_limbs_turn_red_with_their_damage_and_all_else_keeps_its_colour(table: ClassTable) -> None:
     damage_class = table.space.parse("missing_toe@1")
     untouched = table.models[damage_class].geom_rgba.copy(), table.models[damage_class].geom_matid.copy()
-    model = painted(table, damage_class)
+    model = painted(table, damage_class, with_scenery(table))
     of_limb = np.isin(model.geom_bodyid, table.limb_bodies[1])
     assert of_limb.any()
     assert (model.geom_rgba[of_limb] == np.float32(RED)).all()
     assert (model.geom_matid[of_limb] == -1).all()
     np.testing.assert_array_equal(model.geom_matid[~of_limb], table.models[0].geom_matid[~of_limb])
     np.testing.assert_array_equal(model.geom_rgba[~of_limb], table.models[0].geom_rgba[~of_limb])
-    healthy = painted(table, 0)
+    healthy = painted(table, 0, with_scenery(table))
     np.testing.assert_array_equal(healthy.geom_matid, table.models[0].geom_matid)
     np.testing.assert_array_equal(table.models[damage_class].geom_rgba, untouched[0])
     np.testing.assert_array_equal(table.models[damage_class].geom_matid, untouched[1])
@@ -154,44 +182,13 @@ def test_a_scene_changes_to_the_damaged_robot_at_the_onset(table: ClassTable) ->
 
 
 def test_the_floor_has_no_end_and_tiles_as_large_as_before(table: ClassTable) -> None:
-    before, after = table.models[0], painted(table, 0)
+    before, after = table.models[0], painted(table, 0, with_scenery(table))
     (plane,) = np.flatnonzero(before.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
     material = before.geom_matid[plane]
     assert (after.geom_size[plane, :2] == 0).all()
     # MuJoCo counts repeats along the whole plane, and those of an endless one per metre.
     per_metre = before.mat_texrepeat[material] / (2 * before.geom_size[plane, :2])
     np.testing.assert_allclose(after.mat_texrepeat[material], per_metre, rtol=1e-6)
-
-
-def test_the_camera_looks_at_the_standing_robot_as_the_one_of_the_mjcf_does(table: ClassTable) -> None:
-    model = table.models[0]
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    seen = view(table, states(table, 3), 0.05)
-    camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation, camera.distance = seen.azimuth, seen.elevation, seen.distance
-    camera.lookat[:] = seen.lookat[1]
-    drawn = mujoco.MjvScene(model, 100)
-    options, perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
-    mujoco.mjv_updateScene(model, data, options, perturbation, camera, mujoco.mjtCatBit.mjCAT_ALL, drawn)
-    # Each of the two cameras is one eye; the scene's stand where MuJoCo puts them.
-    place = np.mean([eye.pos for eye in drawn.camera], axis=0)
-    ahead = np.mean([eye.forward for eye in drawn.camera], axis=0)
-    np.testing.assert_allclose(place, data.cam("track").xpos, atol=1e-5)
-    np.testing.assert_allclose(ahead, -data.cam("track").xmat.reshape(3, 3)[:, 2], atol=1e-5)
-    assert seen.fovy == model.cam_fovy[0]
-
-
-def test_the_camera_follows_the_way_and_not_the_gait(table: ClassTable) -> None:
-    walk = states(table, 200)
-    walk[:, 0] = 0.04 * np.arange(200)
-    walk[:, 2] += 0.1 * np.sin(np.arange(200))
-    seen = view(table, walk, 0.05)
-    np.testing.assert_allclose(np.diff(seen.lookat[:, 0]), 0.04, atol=1e-9)
-    assert np.ptp(seen.lookat[:, 2]) == 0
-    swaying = walk.copy()
-    swaying[:, 1] = 0.2 * (-1.0) ** np.arange(200)
-    assert np.ptp(view(table, swaying, 0.05).lookat[20:-20, 1]) < 0.05
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,25 @@ def test_results_depend_neither_on_threads_nor_on_the_output(
     assert (run / "eval/per_class.csv").read_bytes() == (finished[0] / "eval/per_class.csv").read_bytes()
 
 
+def test_evaluations_during_a_training_do_not_change_it_and_the_last_one_is_that_at_its_end(
+    finished: tuple[Path, str, str], tmp_path: Path, backend: str
+) -> None:
+    run = tmp_path / "run"
+    settings = ("--backend", backend, "--steps", str(STEPS), *TINY, "evaluation.every=4")
+    dappo_batch("train", "--run", run, *settings)
+    evaluated = ("evaluation_forward_reward", "evaluation_forward_velocity", "evaluation_fall_rate")
+    found = [[line.pop(key) for key in evaluated] for line in (lines := metrics(run))]
+    before = metrics(finished[0])
+    for line in before:
+        assert [line.pop(key) for key in evaluated] == [None] * 3
+    assert lines == before
+    assert [row[0] is not None for row in found] == [False, False, False, True] * 2
+    end = json.loads((run / "eval" / "evaluation.json").read_text())["groups"][-1]
+    expected = [end["forward_reward"], end["forward_velocity"], end["falls"] / end["episodes"]]
+    assert found[-1] == expected
+    assert found[3] != expected
+
+
 def test_half_a_run_and_its_extension_equal_a_complete_run(
     finished: tuple[Path, str, str], tmp_path: Path, backend: str
 ) -> None:

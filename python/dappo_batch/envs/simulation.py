@@ -55,9 +55,8 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 
 def painter(table: ClassTable) -> LivePainter:
-    """Return the renderer of a class table's robots, with the camera of the robot TOML."""
-    camera = table.robot.spec.get("pictures", {}).get("camera", -1)
-    return LivePainter(table.models, camera, *PICTURE_SIZE)
+    """Return the renderer of a class table's robots."""
+    return LivePainter(table, *PICTURE_SIZE)
 
 
 def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:

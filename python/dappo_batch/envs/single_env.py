@@ -147,10 +147,10 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the robot, shape [height, width, 3], or None without a render mode.
+        """Return a frame of the robot, uint8[480, 480, 3], or None without a render mode.
 
-        The first picture starts a process with the first OpenGL implementation that works, with or without a
-        display; ``MUJOCO_GL`` selects one. The model is that of the active damage.
+        The first frame starts a process with the first OpenGL implementation that works, with or without a
+        display; ``MUJOCO_GL`` selects one. The camera follows the main body, and damaged limbs are red.
 
         Raises
         ------

@@ -327,9 +327,9 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         return self._give(self._core.obs)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of every env, each of shape [height, width, 3], or None without a render mode.
+        """Return a frame of every env, a tuple of N uint8[480, 480, 3], or None without a render mode.
 
-        As in `DamageEnv.render`, a separate process draws one env after the other: this is for few envs.
+        As in `DamageEnv.render`, a separate process draws, one env after the other: this is for few envs.
 
         Raises
         ------

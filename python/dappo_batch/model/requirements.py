@@ -199,7 +199,7 @@ class _Search:
         named = f"expected one of {', '.join(cameras)}" if cameras else "it has none with a name"
         self.faults.append(
             f"[pictures] camera: the MJCF has no camera {name!r}; {named}, or leave the entry out for"
-            " MuJoCo's free camera"
+            " the default camera"
         )
 
     def check_numbers(self) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from dappo_batch._checks import integer, text
 from dappo_batch._extras import require
-from dappo_batch.render.camera import View
+from dappo_batch.render.camera import AUTO, View, check_camera
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
@@ -52,7 +52,7 @@ def check_browser(host: str = "localhost", port: int = 8080) -> None:
             raise RenderError(f"no page can be served at {host}:{port}: {error}") from error
 
 
-def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
+def browse(walk: Walk, host: str = "localhost", port: int = 8080, camera: str = AUTO) -> None:
     """Serve a page that shows a walk in real time, again and again, until Ctrl-C.
 
     Parameters
@@ -63,20 +63,26 @@ def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
         Address of the page: ``localhost`` for this machine alone, ``0.0.0.0`` for all that can reach it.
     port : int
         The port, or the first free one after it.
+    camera : str
+        From where visitors look at first: ``"auto"`` or a side of the robot, as in `write`. A camera of the
+        MJCF gives its direction alone.
 
     Raises
     ------
+    ConfigError
+        If there is no such camera.
     MissingExtraError, RenderError
         If packages are missing or the page cannot be served.
     """
     of_walk(walk)
+    check_camera(walk.table, camera)
     check_browser(host, port)
     # Imported late: only this needs the extra.
     from viser import ViserServer
 
     server = ViserServer(host=host, port=port, label="dappo-batch")
     try:
-        player = Player(walk, server)
+        player = Player(walk, server, camera)
         address = f"http://{host}:{server.get_port()}"
         print(f"{address} shows the walk until Ctrl-C", file=sys.stderr, flush=True)
         player.play()
@@ -85,7 +91,7 @@ def browse(walk: Walk, host: str = "localhost", port: int = 8080) -> None:
 
 
 class Player:
-    """A walk on a page: the robot, what is said about it, and what a visitor can press.
+    """A walk on a page: the robot, its caption, and the controls of a visitor.
 
     Parameters
     ----------
@@ -93,16 +99,24 @@ class Player:
         What to show.
     server : viser.ViserServer
         Serves the page.
+    camera : str
+        From where visitors look at first.
     """
 
-    def __init__(self, walk: Walk, server: ViserServer) -> None:
+    def __init__(self, walk: Walk, server: ViserServer, camera: str = AUTO) -> None:
         from mjviser import ViserMujocoScene
 
         self._walk = walk
         self._classes = walk.damage_classes.tolist()
         self._captions = captions(walk)
         self._looks = looks(walk.table, self._classes)
-        self._camera = camera_of(walk.table, walk.states, walk.step_seconds)
+        self._camera = camera_of(
+            walk.table,
+            walk.states,
+            walk.step_seconds,
+            camera=camera,
+            damage_class=self._classes[-1],
+        )
         self._shown = self._classes[0]
         self._scene = ViserMujocoScene(server, copy.copy(self._looks[self._shown]), num_envs=1)
         # Its own tracking would pass every sway of the robot on to the floor.
@@ -169,4 +183,4 @@ class Player:
 
 def _marked_down(caption: Caption) -> str:
     damage = f"**{caption.damage}**" if caption.damaged else caption.damage
-    return "\n\n".join(line for line in (caption.time, damage, caption.belief) if line)
+    return "\n\n".join(line for line in (caption.time, damage, caption.finding) if line)

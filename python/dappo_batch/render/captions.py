@@ -1,7 +1,8 @@
-"""What stands on the pictures: the time, the damage, and what the controller makes of it."""
+"""What stands on the frames: the time, the damage, and what the controller has found out about it."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,45 +12,65 @@ from numpy.typing import NDArray
 from dappo_batch.render.walk import Walk
 from dappo_batch.results import Event
 
-__all__ = ["Caption", "beliefs", "captions"]
+__all__ = ["Caption", "captions", "findings", "readable"]
 
 _SPEED_SECONDS = 1.0  # over which the shown speed is averaged: one that changes all the time cannot be read
 
 
 class Caption(NamedTuple):
-    """The lines on one picture; empty ones are left out."""
+    """The lines on one frame; empty ones are left out."""
 
     time: str
     damage: str
-    belief: str
+    finding: str
     damaged: bool
     """Whether the damage is in force, and its line as red as the limbs."""
 
 
 def captions(walk: Walk) -> list[Caption]:
     """Return the caption of every state of a walk."""
+    limbs = [limb.name for limb in walk.table.robot.limbs]
     names = [item.name for item in walk.table.space.classes]
     count = len(walk.states)
     speeds = _speeds(walk, count)
     events = walk.happened
-    believed = (
+    found = (
         [walk.note] * count
         if events is None
-        else [f"controller: {belief}" for belief in beliefs(events, walk.known_names or names, count)]
+        else [f"controller: {text}" for text in findings(events, walk.known_names or names, limbs, count)]
     )
     return [
         Caption(
             time=f"{step * walk.step_seconds:.1f} s   step {step}{speeds[step]}",
-            damage=f"damage: {names[damage_class] if damage_class else 'none'}",
-            belief=believed[step],
+            damage=f"damage: {readable(names[damage_class], limbs)}" if damage_class else "healthy",
+            finding=found[step],
             damaged=bool(damage_class),
         )
         for step, damage_class in enumerate(walk.damage_classes.tolist())
     ]
 
 
-def beliefs(events: Sequence[Event], names: Sequence[str], count: int) -> list[str]:
-    """Return what a controller believes in each of the first `count` states.
+def readable(name: str, limbs: Sequence[str]) -> str:
+    """Return a damage class in words.
+
+    Parameters
+    ----------
+    name
+        Name of the class, such as ``missing_toe@1+jammed_joint@2``.
+    limbs
+        Names of the limbs of the robot.
+    """
+
+    def words(part: re.Match[str]) -> str:
+        limb = int(part[2])
+        of = limbs[limb].replace("_", " ") if limb < len(limbs) else f"limb {limb}"
+        return f"{part[1].replace('_', ' ')} ({of})"
+
+    return " + ".join(re.sub(r"^(\w+)@(\d+)$", words, part) for part in name.split("+"))
+
+
+def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str], count: int) -> list[str]:
+    """Return the state of a controller in each of the first `count` states of the robot.
 
     Parameters
     ----------
@@ -57,27 +78,32 @@ def beliefs(events: Sequence[Event], names: Sequence[str], count: int) -> list[s
         What it did, in the order of steps; an event of step t is decided upon in state t.
     names
         Names of the damage classes that it knows.
+    limbs
+        Names of the limbs of the robot.
     count
         Number of states.
     """
-    believed, lost, said = "healthy", False, []
+    found, adapted, lost, texts = "no damage suspected", "", False, []
     waiting = list(events)
     for step in range(count):
         while waiting and waiting[0].step <= step:
             event = waiting.pop(0)
-            name = "" if event.damage_class is None else names[event.damage_class]
+            name = "" if event.damage_class is None else readable(names[event.damage_class], limbs)
             match event.kind:
                 case "suspected":
-                    believed = "examining …"
+                    found, adapted = "damage suspected, examining", ""
                 case "diagnosed":
-                    word = "diagnosis" if event.accepted else "not sure"
-                    believed = f"{word}: {name} ({100 * (event.confidence or 0.0):.0f} %)"
+                    word = "diagnosed as" if event.accepted else "no diagnosis:"
+                    sure = f"confidence {100 * (event.confidence or 0.0):.0f} %"
+                    found, adapted = f"{word} {name}, {sure}", ""
                 case "withdrawn":
-                    believed = f"not {name}: taken for healthy"
+                    found, adapted = f"diagnosis withdrawn: {name}", ""
+                case "adapted":
+                    adapted = ", policy adapted" if event.damage_class else ", policy reset to healthy"
                 case "readings_lost" | "readings_back":
                     lost = event.kind == "readings_lost"
-        said.append(f"{believed}, readings lost" if lost else believed)
-    return said
+        texts.append(f"{found}{adapted}{', readings lost' if lost else ''}")
+    return texts
 
 
 def _speeds(walk: Walk, count: int) -> list[str]:

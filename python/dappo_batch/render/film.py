@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 from dappo_batch import _extras
 from dappo_batch._checks import boolean, folder, integer, sequence, shown
 from dappo_batch._core import ConfigError
+from dappo_batch.render.camera import AUTO
 from dappo_batch.render.captions import captions
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.opengl import draw
 from dappo_batch.render.scene import scene
-from dappo_batch.render.schedule import Schedule, schedule
+from dappo_batch.render.schedule import Schedule, evenly, schedule
 from dappo_batch.render.walk import Walk, of_walk
 
 __all__ = ["INSTALL", "check", "frames", "lacking", "write"]
 
 MOST_PIXELS = 16384
+MOST_FRAMES = 64
+STRIP = 4
+"""Frames of a PNG."""
 INSTALL = _extras.install("video")
 
 
@@ -34,28 +38,29 @@ class _Format:
     """What a kind of file can hold."""
 
     size: tuple[int, int]
-    """Width and height, if nobody wants others."""
+    """Default width and height of a frame."""
     fastest: float
-    """Most pictures a second."""
+    """Most frames a second."""
     unit: float | None = None
-    """What the time of a picture is a multiple of, s."""
+    """What the time of a frame is a multiple of, s."""
 
 
 _FORMATS = {
     ".mp4": _Format((640, 480), 30.0),
-    # Its files are large; and browsers slow down GIFs that are faster than 50 pictures a second.
+    # Its files are large; and browsers slow down GIFs that are faster than 50 frames a second.
     ".gif": _Format((480, 360), 20.0, 0.01),
     ".png": _Format((640, 480), 1.0),
 }
 
 
-def check(path: str | bytes | PathLike[str]) -> Path:
+def check(path: str | bytes | PathLike[str], strip: int = STRIP) -> Path:
     """Return a path that `write` can write to, before the work of a walk is spent.
 
     Raises
     ------
     ConfigError
-        If its ending is none of ``.mp4``, ``.gif`` and ``.png``, or its folder does not exist.
+        If its ending is none of ``.mp4``, ``.gif`` and ``.png``, its folder does not exist, or `strip` is not
+        from 1 to 64.
     MissingExtraError
         If packages are missing.
     """
@@ -64,6 +69,7 @@ def check(path: str | bytes | PathLike[str]) -> Path:
         raise ConfigError(f"{file} ends in {file.suffix!r}, expected one of {', '.join(_FORMATS)}")
     if not file.parent.is_dir():
         raise ConfigError(f"{file}: there is no folder {file.parent}")
+    integer(strip, "strip", 1, MOST_FRAMES)
     _extras.require("video", "pictures")
     return file
 
@@ -79,28 +85,39 @@ def write(
     *,
     size: tuple[int, int] | None = None,
     captioned: bool = True,
+    camera: str = AUTO,
+    strip: int = STRIP,
+    progress: Callable[[int, int], object] | None = None,
 ) -> int:
-    """Draw a walk into a file, in real time, and return the number of pictures in it.
+    """Draw a walk into a file, in real time, and return the number of frames in it.
 
     Parameters
     ----------
     path : path-like
-        A file that ends in ``.mp4``, ``.gif`` or ``.png``. A PNG shows the last state.
+        A file that ends in ``.mp4``, ``.gif`` or ``.png``. A PNG is a strip of frames.
     walk : Walk
         What to draw.
     size : tuple of int, optional
-        Width and height, even for an mp4; by default 640 by 480, and 480 by 360 for a GIF.
+        Width and height of a frame, even for an mp4; by default 640 by 480, and 480 by 360 for a GIF.
     captioned : bool
-        Whether time, damage and beliefs are written into the pictures.
+        Whether time, damage and the state of the controller are written into the frames.
+    camera : str
+        ``"auto"``: from the side on which the damaged limbs are. ``"left"``, ``"right"``, ``"front"`` or
+        ``"back"``: from that side of a robot that faces +x. All of them follow the main body at a distance
+        that shows the whole robot. The name of a camera of the MJCF: what that camera sees.
+    strip : int
+        Frames of a PNG, evenly spaced from the first state to the last; 1 is the last.
+    progress : callable, optional
+        Called with the number of frames that are drawn and that of all.
 
     Raises
     ------
     ConfigError
-        If the path or the size cannot be used.
+        If the path, the size, the camera or the number of frames cannot be used.
     MissingExtraError, RenderError
         If packages are missing, or nothing can be drawn here; the message says what to install.
     """
-    file = check(path)
+    file = check(path, strip)
     kind = file.suffix.lower()
     form = _FORMATS[kind]
     of_walk(walk)
@@ -109,25 +126,40 @@ def write(
         even = " and even for an mp4" if kind == ".mp4" else ""
         raise ConfigError(f"size is {width} by {height}, expected at least 1 by 1{even}")
     if kind == ".png":
-        plan = Schedule([len(walk.states) - 1], 1.0 / form.fastest)
+        plan = Schedule(evenly(len(walk.states), strip), 1.0 / form.fastest)
     else:
         plan = schedule(len(walk.states), walk.step_seconds, fastest=form.fastest, unit=form.unit)
-    pictures = frames(walk, plan.states, size=(width, height), captioned=captioned)
+    drawn = frames(walk, plan.states, size=(width, height), captioned=captioned, camera=camera)
+    if progress is not None:
+        drawn = _reported(drawn, len(plan.states), progress)
     # Imported late: only who draws needs the extra.
     from dappo_batch.render import encoders
 
     encode: dict[str, Callable[[Path], None]] = {
-        ".mp4": lambda target: encoders.write_mp4(target, pictures, plan.seconds),
-        ".gif": lambda target: encoders.write_gif(target, pictures, plan.seconds),
-        ".png": lambda target: encoders.write_png(target, pictures),
+        ".mp4": lambda target: encoders.write_mp4(target, drawn, plan.seconds),
+        ".gif": lambda target: encoders.write_gif(target, drawn, plan.seconds),
+        ".png": lambda target: encoders.write_png(target, drawn),
     }
     with _whole(file) as part:
         encode[kind](part)
     return len(plan.states)
 
 
+def _reported(
+    drawn: Iterator[NDArray[np.uint8]], count: int, progress: Callable[[int, int], object]
+) -> Iterator[NDArray[np.uint8]]:
+    for index, frame in enumerate(drawn):
+        yield frame
+        progress(index + 1, count)
+
+
 def frames(
-    walk: Walk, states: list[int], *, size: tuple[int, int] = (640, 480), captioned: bool = True
+    walk: Walk,
+    states: list[int],
+    *,
+    size: tuple[int, int] = (640, 480),
+    captioned: bool = True,
+    camera: str = AUTO,
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw some states of a walk, each uint8[height, width, 3].
 
@@ -140,12 +172,14 @@ def frames(
     size : tuple of int
         Width and height.
     captioned : bool
-        Whether time, damage and beliefs are written into the pictures.
+        Whether time, damage and the state of the controller are written into the frames.
+    camera : str
+        As in `write`.
 
     Raises
     ------
     ConfigError
-        If a state does not exist or the size cannot be used.
+        If a state or the camera does not exist, or the size cannot be used.
     RenderError
         If nothing can be drawn here.
     """
@@ -156,7 +190,7 @@ def frames(
         raise ConfigError("there are no states to draw")
     size = size_of(size)
     captioned = boolean(captioned, "captioned")
-    drawn = draw(scene(walk, states, *size))
+    drawn = draw(scene(walk, states, *size, camera))
     if not captioned:
         return drawn
     from dappo_batch.render.lettering import letter

@@ -7,7 +7,6 @@ import pickle
 import subprocess
 import tempfile
 import weakref
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import IO
 
@@ -15,24 +14,29 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.model import ClassTable
 from dappo_batch.render import opengl
+from dappo_batch.render.camera import View, view
+from dappo_batch.render.scene import fit, painted
+from dappo_batch.render.scenery import with_scenery
 
 __all__ = ["Live", "LivePainter", "Pose"]
 
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """What a painter is told at the beginning: a model of the robot, the camera, and the size of pictures."""
+    """What a painter gets at the beginning: a model of the robot, the camera, and the size of frames."""
 
     model: mujoco.MjModel
-    camera: str | int
+    view: View
+    main_body: int
     height: int
     width: int
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """What a painter is told for every picture: positions [nq], and the model where that is another one."""
+    """What a painter gets for every frame: positions [nq], and the model where that is another one."""
 
     model: mujoco.MjModel | None
     qpos: NDArray[np.float64]
@@ -43,17 +47,17 @@ class LivePainter:
 
     Parameters
     ----------
-    models : sequence of mujoco.MjModel
-        The models of the class table.
-    camera : str or int
-        Name or number of a camera; -1 is the free one.
+    table : ClassTable
+        The robot and its damage classes.
     height, width : int
-        Size of a picture.
+        Size of a frame.
     """
 
-    def __init__(self, models: Sequence[mujoco.MjModel], camera: str | int, height: int, width: int) -> None:
-        self._models = models
-        self._live = Live(models[0], camera, height, width)
+    def __init__(self, table: ClassTable, height: int, width: int) -> None:
+        self._table = table
+        self._scenery = with_scenery(table)
+        self._view = view(table, table.models[0].qpos0[None], 1.0, aspect=width / height)
+        self._live = Live(self._look(0), self._view, table.main_body, height, width)
         self._painter: subprocess.Popen[bytes] | None = None
         self._complaints: IO[bytes] | None = None
         self._choice, self._shown = "", 0
@@ -84,6 +88,11 @@ class LivePainter:
             reasons[choice or "OpenGL"] = self._why()
         raise opengl.none_works(reasons)
 
+    def _look(self, damage_class: int) -> mujoco.MjModel:
+        model = painted(self._table, damage_class, self._scenery)
+        fit(model, self._view)
+        return model
+
     def close(self) -> None:
         """End the process."""
         if self._end is not None:
@@ -106,7 +115,7 @@ class LivePainter:
         """Return a picture, None if the process has ended."""
         assert self._painter is not None
         assert self._painter.stdout is not None
-        model = None if damage_class == self._shown else self._models[damage_class]
+        model = None if damage_class == self._shown else self._look(damage_class)
         height, width = self._live.height, self._live.width
         try:
             if not _send(self._painter, Pose(model, np.array(qpos))):

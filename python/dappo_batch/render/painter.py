@@ -1,4 +1,4 @@
-"""The process that draws: reads a `Scene`, or `Live` and one `Pose` after the other; writes raw pictures.
+"""The process that draws: reads a `Scene`, or `Live` and one `Pose` after the other; writes raw frames.
 
 A process of its own: MuJoCo chooses its OpenGL when it is imported, and a bad driver may crash.
 """
@@ -14,45 +14,100 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.render.camera import View
 from dappo_batch.render.live import Live, Pose
 from dappo_batch.render.scene import Scene, become
 
-__all__ = ["main", "paint"]
+__all__ = ["main", "paint", "reduced"]
+
+_LARGEST_SMOOTH = 4096  # pixels; OpenGL draws at most 16384
+_SAMPLES = 4  # of a pixel in other frames
 
 
 def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:
-    """Draw the pictures of a scene, each uint8[height, width, 3]."""
-    renderers = {
-        damage_class: mujoco.Renderer(model, scene.height, scene.width)
+    """Draw the frames of a scene, each uint8[height, width, 3]."""
+    canvases = {
+        damage_class: _Canvas(model, scene.view, scene.height, scene.width)
         for damage_class, model in scene.models.items()
     }
-    data = {damage_class: mujoco.MjData(model) for damage_class, model in scene.models.items()}
-    camera = mujoco.MjvCamera()
-    camera.azimuth, camera.elevation = scene.view.azimuth, scene.view.elevation
-    camera.distance = scene.view.distance
     for damage_class, qpos, lookat in zip(scene.damage_classes, scene.qpos, scene.view.lookat, strict=True):
-        state, renderer = data[damage_class], renderers[damage_class]
-        state.qpos[:] = qpos
-        mujoco.mj_forward(scene.models[damage_class], state)
-        camera.lookat[:] = lookat
-        renderer.update_scene(state, camera)
-        _bring_shadows(renderer.scene, lookat, scene.view.distance)
-        yield renderer.render()
+        canvas = canvases[damage_class]
+        canvas.pose(qpos)
+        yield canvas.draw(lookat, scene.view.lookat[0])
 
 
 def paint_live(live: Live, poses: Iterator[Pose]) -> Iterator[NDArray[np.uint8]]:
     """Draw a robot pose by pose, each uint8[height, width, 3]."""
-    model = live.model
-    buffer = model.vis.global_
-    buffer.offwidth, buffer.offheight = max(buffer.offwidth, live.width), max(buffer.offheight, live.height)
-    renderer, data = mujoco.Renderer(model, live.height, live.width), mujoco.MjData(model)
+    canvas = _Canvas(live.model, live.view, live.height, live.width)
+    start = live.view.lookat[0]
     for pose in poses:
         if pose.model is not None:
-            become(model, pose.model)
-        data.qpos[:] = pose.qpos
-        mujoco.mj_forward(model, data)
-        renderer.update_scene(data, live.camera)
-        yield renderer.render()
+            become(live.model, pose.model)
+        canvas.pose(pose.qpos)
+        main = canvas.data.xpos[live.main_body]
+        yield canvas.draw(np.array([main[0], main[1], start[2]]), start)
+
+
+class _Canvas:
+    """A model, and what draws it."""
+
+    def __init__(self, model: mujoco.MjModel, view: View, height: int, width: int) -> None:
+        self.data = mujoco.MjData(model)
+        self._model, self._view = model, view
+        # Averages of larger frames have smooth shadows too, unlike multisampling, and take less time.
+        self._is_larger = height % 2 == width % 2 == 0 and max(height, width) <= _LARGEST_SMOOTH
+        buffer = model.vis.global_
+        buffer.offheight, buffer.offwidth = height, width
+        if self._is_larger:
+            buffer.offheight, buffer.offwidth = height * 3 // 2, width * 3 // 2
+        model.vis.quality.offsamples = 0 if self._is_larger else _SAMPLES
+        self._renderer = mujoco.Renderer(model, buffer.offheight, buffer.offwidth)
+        self._camera = mujoco.MjvCamera()
+        if view.fixed >= 0:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._camera.fixedcamid = view.fixed
+        self._camera.azimuth, self._camera.elevation = view.azimuth, view.elevation
+        self._camera.distance = view.distance
+
+    def pose(self, qpos: NDArray[np.float64]) -> None:
+        """Take a position."""
+        self.data.qpos[:] = qpos
+        mujoco.mj_forward(self._model, self.data)
+
+    def draw(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Draw what the camera sees when it looks at a place, having begun at another."""
+        self._camera.lookat[:] = lookat
+        self._bring_lights(lookat, start)
+        self._renderer.update_scene(self.data, self._camera)
+        frame: NDArray[np.uint8] = self._renderer.render()
+        return reduced(frame) if self._is_larger else frame
+
+    def _bring_lights(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> None:
+        """Let the lights of the world follow the robot, on a floor that has no end.
+
+        Those at a distance must follow: MuJoCo draws their shadows only in front of where they stand.
+        """
+        model, data = self._model, self.data
+        for light in range(model.nlight):
+            if model.light_type[light] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
+                data.light_xpos[light] = lookat - self._view.distance * data.light_xdir[light]
+            elif (
+                model.light_bodyid[light] == 0
+                and model.light_mode[light] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+            ):
+                data.light_xpos[light, :2] += lookat[:2] - start[:2]
+
+
+def reduced(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return two thirds of the height and width of a frame, each pixel the mean of the area below it."""
+    height, width = frame.shape[0] * 2 // 3, frame.shape[1] * 2 // 3
+    rows = np.empty((height, frame.shape[1], 3), np.uint16)
+    rows[0::2] = 2 * frame[0::3].astype(np.uint16) + frame[1::3]
+    rows[1::2] = 2 * frame[2::3].astype(np.uint16) + frame[1::3]
+    reduced = np.empty((height, width, 3), np.uint8)
+    reduced[:, 0::2] = (2 * rows[:, 0::3] + rows[:, 1::3] + 4) // 9
+    reduced[:, 1::2] = (2 * rows[:, 2::3] + rows[:, 1::3] + 4) // 9
+    return reduced
 
 
 def _poses() -> Iterator[Pose]:
@@ -63,21 +118,14 @@ def _poses() -> Iterator[Pose]:
             return
 
 
-def _bring_shadows(drawn: mujoco.MjvScene, lookat: NDArray[np.float64], distance: float) -> None:
-    """Let distant lights follow the robot: MuJoCo draws their shadows only in front of where they stand."""
-    for light in drawn.lights[: drawn.nlight]:
-        if light.castshadow and light.type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-            light.pos[:] = lookat - distance * light.dir
-
-
 def main() -> None:
     """Draw what comes in."""
-    told = pickle.load(sys.stdin.buffer)
+    order = pickle.load(sys.stdin.buffer)
     # Whatever a driver prints must not end up in the pictures.
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    is_live = isinstance(told, Live)
-    for index, picture in enumerate(paint_live(told, _poses()) if is_live else paint(told)):
+    is_live = isinstance(order, Live)
+    for index, picture in enumerate(paint_live(order, _poses()) if is_live else paint(order)):
         if index == 0 and not picture.any():
             sys.exit("the picture is black")
         pictures.write(picture.tobytes())

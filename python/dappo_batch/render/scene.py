@@ -4,39 +4,49 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch.model import ClassTable
-from dappo_batch.render.camera import View, view
+from dappo_batch.render.camera import AUTO, View, view
+from dappo_batch.render.scenery import FLOOR, has_pattern, with_scenery
 from dappo_batch.render.walk import Walk
 
-__all__ = ["RED", "Scene", "become", "looks", "painted", "scene"]
+__all__ = ["RED", "Scene", "become", "fit", "looks", "painted", "scene"]
 
 RED = (0.85, 0.16, 0.12, 1.0)
+_LIMB = (0.36, 0.45, 0.55, 1.0)
+_TRUNK = (0.85, 0.62, 0.25, 1.0)
+_UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's colour of a geom that has none
 _AMBIENT = 0.3  # of white light: what lies in the shade can still be told apart
-_SHADOW_PIXELS = 2048  # fewer cast dots of shadow on limbs; more take long without a graphics card
+_SHADOW_PIXELS = 1024  # more take long without a graphics card
+_SHADOW_REACHES = 1.25  # half of the area in which there are shadows; the robot's own fall on the floor in it
+_NEAR, _FAR = 0.02, 60.0  # what is drawn, in distances of the camera
+# Facets of round geoms: fewer than MuJoCo's, which take a third of the time without a graphics card.
+_SLICES, _STACKS = 16, 8
+_POSE = ("body_", "jnt_", "qpos", "geom_", "site_", "cam_", "tendon_")
+_LOOK = ("mat_", "light_")
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The pictures that are to be drawn.
+    """The frames that are to be drawn.
 
     Attributes
     ----------
     models : dict
         From damage class to a model with its colours.
     damage_classes : list of int
-        Class of every picture.
+        Class of every frame.
     qpos : numpy.ndarray
-        Positions of every picture, [F, nq].
+        Positions of every frame, [F, nq].
     view : View
-        The camera, with one place for every picture.
+        The camera, with one place for every frame.
     width, height : int
-        Size of a picture.
+        Size of a frame.
     """
 
     models: dict[int, mujoco.MjModel]
@@ -47,46 +57,116 @@ class Scene:
     height: int
 
 
-def scene(walk: Walk, states: Sequence[int], width: int, height: int) -> Scene:
-    """Return the pictures of some states of a walk."""
-    seen = view(walk.table, walk.states, walk.step_seconds)
-    classes = walk.damage_classes[list(states)].tolist()
+def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: str = AUTO) -> Scene:
+    """Return the frames of some states of a walk."""
+    every = walk.damage_classes
+    seen = view(
+        walk.table,
+        walk.states,
+        walk.step_seconds,
+        camera=camera,
+        damage_class=int(every[-1]),
+        aspect=width / height,
+    )
+    classes = every[list(states)].tolist()
     models = looks(walk.table, classes)
     for model in models.values():
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        model.vis.global_.fovy = seen.fovy
-        # Shadows are needed, and sharp, where the camera looks.
-        model.vis.map.shadowclip = seen.distance / model.stat.extent
-    chosen = View(seen.azimuth, seen.elevation, seen.distance, seen.fovy, seen.lookat[list(states)])
+        fit(model, seen)
+    chosen = replace(seen, lookat=seen.lookat[list(states)])
     return Scene(models, classes, walk.states[list(states)], chosen, width, height)
+
+
+def fit(model: mujoco.MjModel, seen: View) -> None:
+    """Let a model be drawn as a camera sees it."""
+    settings, scale = model.vis, model.stat.extent
+    # Shadows are needed, and sharp, where the robot is.
+    settings.map.shadowclip = _SHADOW_REACHES * seen.reach / scale
+    _turn_lights(model, seen.azimuth)
+    if seen.fixed < 0:
+        settings.global_.fovy = seen.fovy
+        settings.map.znear, settings.map.zfar = (share * seen.distance / scale for share in (_NEAR, _FAR))
+
+
+def _turn_lights(model: mujoco.MjModel, azimuth: float) -> None:
+    """Let the suns of a model shine from the camera's side, along an axis of the world.
+
+    The floor is speckled with shadow where rays fall obliquely to the axes: MuJoCo's shadow map is rounded.
+    """
+    across = round((azimuth - 45.0) / 90.0) * 90.0
+    ahead = np.round([np.cos(np.radians(across)), np.sin(np.radians(across))])
+    for light in np.flatnonzero(model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL):
+        if model.light_bodyid[light] == 0 and model.light_mode[light] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
+            direction = model.light_dir[light]
+            direction[:2] = np.hypot(*direction[:2]) * ahead
 
 
 def looks(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel]:
     """Return a model with its colours for every damage class that occurs."""
-    return {damage_class: painted(table, damage_class) for damage_class in set(classes)}
+    scenery = with_scenery(table)
+    return {damage_class: painted(table, damage_class, scenery) for damage_class in set(classes)}
 
 
-def become(model: mujoco.MjModel, other: mujoco.MjModel) -> None:
+def become(model: mujoco.MjModel, other: mujoco.MjModel, fields: Sequence[str] = (*_POSE, *_LOOK)) -> None:
     """Let a model look and move as another of its class table."""
     for name in dir(model):
-        if name.startswith(("body_", "jnt_", "geom_", "mat_", "site_", "cam_", "light_")):
+        if name.startswith(tuple(fields)):
             numbers = getattr(model, name)
             if isinstance(numbers, np.ndarray):
                 numbers[:] = getattr(other, name)
 
 
-def painted(table: ClassTable, damage_class: int) -> mujoco.MjModel:
-    """Return a copy of a class's model: damaged limbs are red, and the floor has no end."""
-    model = copy.copy(table.models[damage_class])
+def painted(table: ClassTable, damage_class: int, scenery: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a model of a damage class as it is drawn.
+
+    Parameters
+    ----------
+    table : ClassTable
+        The robot.
+    damage_class : int
+        The class; its damaged limbs are red.
+    scenery : mujoco.MjModel
+        What `with_scenery` returned; it is left as it is.
+    """
+    model = copy.copy(scenery)
+    become(model, table.models[damage_class], _POSE)
+    _colour(model, table)
     for limb, _ in table.space.classes[damage_class].damages:
         geoms = np.isin(model.geom_bodyid, table.limb_bodies[limb])
         model.geom_matid[geoms] = -1  # a material's colour would win over the geom's
         model.geom_rgba[geoms] = RED
     for plane in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
+        _tile(model, int(plane))
         _extend(model, int(plane))
-    model.vis.quality.shadowsize = _SHADOW_PIXELS
+    quality = model.vis.quality
+    quality.shadowsize, quality.numslices, quality.numstacks = _SHADOW_PIXELS, _SLICES, _STACKS
     model.vis.headlight.ambient[:] = _AMBIENT
     return model
+
+
+def _colour(model: mujoco.MjModel, table: ClassTable) -> None:
+    """Give the parts of the robot that have no colour those of the package's own robots, and hide its sites.
+
+    Sites without a colour are for sensors, and those of touch sensors would hide the limbs.
+    """
+    model.site_rgba[(model.site_matid < 0) & (model.site_rgba == _UNPAINTED).all(axis=1), 3] = 0.0
+    bare = (model.geom_matid < 0) & (model.geom_rgba == _UNPAINTED).all(axis=1)
+    bare &= model.body_rootid[model.geom_bodyid] == model.body_rootid[table.main_body]
+    of_limb = np.isin(model.geom_bodyid, [body for bodies in table.limb_bodies for body in bodies])
+    model.geom_rgba[bare & of_limb] = _LIMB
+    model.geom_rgba[bare & ~of_limb] = _TRUNK
+
+
+def _tile(model: mujoco.MjModel, plane: int) -> None:
+    """Give a plane without a texture the chequered material, in its own colour if it has one."""
+    floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
+    if floor < 0 or has_pattern(model, plane):
+        return
+    material = int(model.geom_matid[plane])
+    if material >= 0:
+        model.geom_rgba[plane] = model.mat_rgba[material]
+    elif (model.geom_rgba[plane] == _UNPAINTED).all():
+        model.geom_rgba[plane] = 1.0
+    model.geom_matid[plane] = floor
 
 
 def _extend(model: mujoco.MjModel, plane: int) -> None:

@@ -1,11 +1,11 @@
-"""Which states become pictures, and for how long each is shown."""
+"""Which states become frames, and for how long each is shown."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-__all__ = ["Schedule", "schedule"]
+__all__ = ["Schedule", "evenly", "schedule"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Schedule:
 
 
 def schedule(states: int, step_seconds: float, *, fastest: float, unit: float | None = None) -> Schedule:
-    """Spread the states of a walk over pictures, in real time.
+    """Spread the states of a walk over frames, in real time.
 
     Parameters
     ----------
@@ -26,14 +26,22 @@ def schedule(states: int, step_seconds: float, *, fastest: float, unit: float | 
     step_seconds : float
         Time between two of them, s.
     fastest : float
-        Most pictures a second. States that come faster are left out.
+        Most frames a second. States that come faster are left out.
     unit : float, optional
-        What the time of a picture is a multiple of, s, in formats that have such a unit.
+        What the time of a frame is a multiple of, s, in formats that have such a unit; in others it is one
+        of `step_seconds`, so that the robot moves evenly.
     """
-    seconds = max(step_seconds, 1.0 / fastest)
-    if unit is not None:
-        seconds = max(1, round(seconds / unit)) * unit
-    # The small number makes up for rounding where a picture falls on a state.
+    # The small number makes up for rounding where a frame falls on a state.
+    unit = step_seconds if unit is None else unit
+    seconds = math.ceil(max(step_seconds, 1.0 / fastest) / unit - 1e-9) * unit
     last = math.floor((states - 1) * step_seconds / seconds + 1e-9)
     shown = [min(states - 1, math.floor(index * seconds / step_seconds + 1e-9)) for index in range(last + 1)]
     return Schedule(shown, seconds)
+
+
+def evenly(states: int, frames: int) -> list[int]:
+    """Return at most so many states of a walk, evenly spaced; the last is the walk's last."""
+    if frames == 1 or states == 1:
+        return [states - 1]
+    count = min(frames, states)
+    return [round(index * (states - 1) / (count - 1)) for index in range(count)]

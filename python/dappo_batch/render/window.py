@@ -9,6 +9,7 @@ import time
 
 import mujoco
 
+from dappo_batch.render.camera import AUTO, check_camera
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
@@ -37,20 +38,25 @@ def check_screen() -> None:
         )
 
 
-def view(walk: Walk) -> None:
+def view(walk: Walk, camera: str = AUTO) -> None:
     """Show a walk in a window in real time, again and again, until the window is closed.
 
     Parameters
     ----------
     walk : Walk
         What to show.
+    camera : str
+        Where the camera starts: ``"auto"``, a side of the robot, or a camera of the MJCF, as in `write`.
 
     Raises
     ------
+    ConfigError
+        If there is no such camera.
     RenderError
         If there is no screen.
     """
     of_walk(walk)
+    check_camera(walk.table, camera)
     check_screen()
     # Imported late: it looks for a screen by itself.
     from mujoco import viewer
@@ -60,10 +66,12 @@ def view(walk: Walk) -> None:
     shown, model = classes[0], copy.copy(models[classes[0]])
     data = mujoco.MjData(model)
     data.qpos[:] = walk.states[0]
-    start = camera_of(walk.table, walk.states[:1], walk.step_seconds)
+    start = camera_of(walk.table, walk.states, walk.step_seconds, camera=camera, damage_class=classes[-1])
     with viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid = walk.table.main_body
+        if start.fixed >= 0:
+            window.cam.type, window.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, start.fixed
         window.cam.azimuth, window.cam.elevation = start.azimuth, start.elevation
         window.cam.distance = start.distance
         while window.is_running():
@@ -85,5 +93,5 @@ def view(walk: Walk) -> None:
 
 def _plain(caption: Caption) -> str:
     """Return the caption in the letters that MuJoCo's windows have."""
-    lines = [line for line in (caption.time, caption.damage, caption.belief) if line]
+    lines = [line for line in (caption.time, caption.damage, caption.finding) if line]
     return "\n".join(lines).replace("…", "...")

@@ -104,7 +104,7 @@ def _shown(path: str | PathLike[str]) -> str:
     return fsencode(path).decode(errors="replace")
 
 
-def command(*, paths: Sequence[str], out: str, figures: str | None, title: str) -> int:
+def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str) -> int:
     """Run ``dappo-batch report``, see `write`, and return its exit code."""
     page, *drawn = write(paths, out, figures=figures, title=title)
     print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")

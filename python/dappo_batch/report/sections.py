@@ -24,6 +24,7 @@ __all__ = ["sections"]
 # Columns of the metrics that are drawn: title, unit, and whether they are means over episodes.
 _CURVES = {
     "forward_reward": ("Forward reward", "sum of m/s", True),
+    "evaluation_forward_reward": ("Forward reward of evaluations", "sum of m/s", False),
     "episode_return": ("Return", "sum of rewards", True),
     "fall_rate": ("Falls", "share of episodes", True),
     "explained_variance": ("Explained variance of the returns", "share", False),
@@ -76,7 +77,7 @@ def _of_robot(
         training.curves(
             *(robot, found, column, title, unit),
             weighted=weighted,
-            seconds=seconds if column == "forward_reward" else None,
+            seconds=seconds if column.endswith("forward_reward") else None,
         )
         for column, (title, unit, weighted) in _CURVES.items()
     ]

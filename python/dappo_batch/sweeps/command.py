@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from dappo_batch.sweeps import sweep
@@ -14,7 +15,7 @@ from dappo_batch.sweeps.worker import processes
 __all__ = ["command"]
 
 
-def command(*, out: str, grid: Mapping[str, Sequence[Any]], base: Mapping[str, Any], jobs: int) -> int:
+def command(*, out: Path, grid: Mapping[str, Sequence[Any]], base: Mapping[str, Any], jobs: int) -> int:
     """Run ``dappo-batch sweep``, see `sweep`, with `jobs` trainings at once, and return its exit code."""
     with processes(jobs) as pool:
         cells = sweep(base, grid, out, executor=pool, callback=_report)

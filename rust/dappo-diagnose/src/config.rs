@@ -2,8 +2,9 @@
 
 use std::slice;
 
-use dappo_learn::config::{Assignment, Faults, Layers};
+use dappo_learn::config::{Assignment, Layers};
 use dappo_learn::error::{LearnError, Result};
+use dappo_learn::faults::Faults;
 use dappo_learn::ppo::config::MOST_WIDTH;
 use serde::{Deserialize, Serialize};
 
@@ -127,7 +128,7 @@ impl DiagnoserConfig {
         {
             faults.count(key, value as u64, most);
         }
-        faults.end()
+        Ok(faults.end()?)
     }
 
     /// Fails if the data cannot serve these settings, or a training on them does not fit the memory.

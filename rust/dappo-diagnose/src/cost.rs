@@ -3,9 +3,8 @@
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
-use dappo_learn::evaluate::MeanActions;
 use dappo_learn::statistics::mean;
-use dappo_learn::walk::{Agent, Encoding, Episode, KnownClasses, Trial};
+use dappo_learn::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 use serde::Serialize;
 
 use super::Report;

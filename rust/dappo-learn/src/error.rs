@@ -23,8 +23,8 @@ pub enum LearnError {
         expected: &'static str,
     },
     /// Settings that cannot be used, all that there are.
-    #[error("{}", crate::config::describe(.0))]
-    Settings(Vec<crate::config::Fault>),
+    #[error(transparent)]
+    Settings(#[from] crate::faults::Faults),
     /// A configuration, run folder or command that cannot be used.
     #[error("{0}")]
     Invalid(String),

@@ -20,6 +20,7 @@ pub mod envs;
 pub mod episodes;
 pub mod error;
 pub mod evaluate;
+pub mod faults;
 pub mod files;
 pub mod fleet;
 pub mod gae;
@@ -33,6 +34,7 @@ pub mod run_folder;
 mod run_policy;
 mod simulator;
 pub mod statistics;
+pub mod text_table;
 pub mod train;
 pub mod walk;
 

@@ -115,27 +115,27 @@ impl RunFolder {
         self.root.join("checkpoints")
     }
 
-    /// Writes a table into `eval/`.
-    pub fn write_evaluation(&self, name: &str, table: &str) -> Result<()> {
-        let folder = self.root.join("eval");
-        own_folder(&folder)?;
-        write_atomically(&folder.join(name), table.as_bytes())
-    }
-
-    /// Path of a table in `eval/`.
+    /// Folder of the evaluation with the settings of the run itself.
     #[must_use]
-    pub(crate) fn evaluation_path(&self, name: &str) -> PathBuf {
-        self.root.join("eval").join(name)
+    pub fn evaluation(&self) -> EvaluationFolder {
+        EvaluationFolder { path: self.root.join("eval") }
     }
 
-    /// Reads a table from `eval/`; `None` if there is none.
-    pub(crate) fn read_evaluation(&self, name: &str) -> Result<Option<String>> {
-        check_folder(&self.root.join("eval"))?;
-        let path = self.evaluation_path(name);
-        match read_text(&path) {
-            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-            read => read.map(Some).map_err(io(&path)),
+    /// Folder of an evaluation with `config`: that of the run itself, or a folder in it, which the settings that differ
+    /// from those of the run give its name.
+    pub fn evaluation_with(&self, config: &Config) -> Result<EvaluationFolder> {
+        let (_, own) = Self::open(&self.root)?;
+        let mut names = Vec::new();
+        for Change { key, from, to } in changes(&own, config)? {
+            // What was left to this program to choose is no other choice of the user's.
+            let was_open = from.as_ref().is_some_and(|from| from.as_str() == Some("auto"));
+            if let (Some(name), Some(value), false) = (evaluation_setting(&key), to, was_open) {
+                let value = value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned);
+                names.push(format!("{name}-{value}"));
+            }
         }
+        let EvaluationFolder { path } = self.evaluation();
+        Ok(EvaluationFolder { path: if names.is_empty() { path } else { path.join(names.join("_")) } })
     }
 
     fn metrics(&self) -> MetricsLog {
@@ -169,6 +169,48 @@ impl RunFolder {
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> LearnError {
     LearnError::Invalid(format!("{}: {error}", path.display()))
+}
+
+/// The name of a setting that changes the episodes of an evaluation or what simulates them.
+fn evaluation_setting(key: &str) -> Option<&str> {
+    let of_episodes = key.strip_prefix("evaluation.").filter(|name| *name != "every");
+    of_episodes.or_else(|| key.strip_prefix("env.").filter(|name| *name == "backend"))
+}
+
+/// A folder with the tables and numbers of an evaluation.
+#[derive(Debug, Clone)]
+pub struct EvaluationFolder {
+    path: PathBuf,
+}
+
+impl EvaluationFolder {
+    /// Writes a file.
+    pub fn write(&self, name: &str, text: &str) -> Result<()> {
+        own_folder(&self.path)?;
+        write_atomically(&self.path(name), text.as_bytes())
+    }
+
+    /// Writes a file of JSON.
+    pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<()> {
+        let text = serde_json::to_string_pretty(value).map_err(|error| unusable(&self.path(name), &error))?;
+        self.write(name, &text)
+    }
+
+    /// Reads a file; `None` if there is none.
+    pub fn read(&self, name: &str) -> Result<Option<String>> {
+        check_folder(&self.path)?;
+        let path = self.path(name);
+        match read_text(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            read => read.map(Some).map_err(io(&path)),
+        }
+    }
+
+    /// Path of a file.
+    #[must_use]
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
 }
 
 /// A run folder that this process alone may train until it is dropped; the lock of a killed process is gone.

@@ -14,8 +14,9 @@ use pyo3::types::PyDict;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::keywords::assignments;
+use crate::kinds::RobotChanged;
 use crate::pool::Pool;
-use crate::run_robot::{self, OpenRun, RobotChanged};
+use crate::run_robot::{self, OpenRun};
 use crate::vector_env::not_contiguous;
 
 /// Opens the parts of a controller; fails unless they were made with the robot of the policy's run.

@@ -12,8 +12,9 @@ use pyo3::prelude::*;
 
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
+use crate::kinds::RobotChanged;
 use crate::pool::Pool;
-use crate::run_robot::{OpenRun, RobotChanged};
+use crate::run_robot::OpenRun;
 use crate::vector_env::not_contiguous;
 
 /// A trained diagnoser, and what simulates the healthy twins that it compares robots with.

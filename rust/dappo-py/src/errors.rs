@@ -13,10 +13,8 @@ use pyo3::types::{PyDict, PyTuple, PyType};
 
 struct Tree {
     base: Py<PyType>,
-    config: Py<PyType>,
-    shape: Py<PyType>,
-    simulation: Py<PyType>,
-    checkpoint: Py<PyType>,
+    /// In the order of `Kind`.
+    kinds: [Py<PyType>; 4],
 }
 
 static TREE: PyOnceLock<Tree> = PyOnceLock::new();
@@ -34,11 +32,17 @@ pub enum Kind {
     Checkpoint,
 }
 
+impl Tree {
+    fn of(&self, kind: Kind) -> &Py<PyType> {
+        &self.kinds[kind as usize]
+    }
+}
+
 fn new_type<'py>(
     py: Python<'py>,
     name: &str,
     doc: &str,
-    bases: Vec<Bound<'py, PyType>>,
+    bases: &[&Bound<'py, PyType>],
 ) -> PyResult<Bound<'py, PyType>> {
     let members = PyDict::new(py);
     members.set_item("__module__", "dappo_batch")?;
@@ -49,28 +53,17 @@ fn new_type<'py>(
 
 fn tree(py: Python<'_>) -> PyResult<&Tree> {
     TREE.get_or_try_init(py, || {
-        let value = || py.get_type::<PyValueError>();
-        let runtime = || py.get_type::<PyRuntimeError>();
-        let base = new_type(
-            py,
-            "DappoError",
-            "Base of all errors of dappo-batch.",
-            vec![py.get_type::<PyException>()],
-        )?;
-        let under = |name, doc, second| new_type(py, name, doc, vec![base.clone(), second]);
-        Ok(Tree {
-            config: under(
-                "ConfigError",
-                "An option, robot file or damage specification cannot be used.",
-                value(),
-            )?
-            .unbind(),
-            shape: under("ShapeError", "An array has the wrong shape or dtype.", value())?.unbind(),
-            simulation: under("SimulationError", "The simulation cannot go on.", runtime())?.unbind(),
-            checkpoint: under("CheckpointError", "A run folder or checkpoint cannot be used.", runtime())?
-                .unbind(),
-            base: base.unbind(),
-        })
+        let (value, runtime) = (py.get_type::<PyValueError>(), py.get_type::<PyRuntimeError>());
+        let exception = py.get_type::<PyException>();
+        let base = new_type(py, "DappoError", "Base of all errors of dappo-batch.", &[&exception])?;
+        let under = |name, doc, second| new_type(py, name, doc, &[&base, second]).map(Bound::unbind);
+        let kinds = [
+            under("ConfigError", "An option, robot file or damage specification cannot be used.", &value)?,
+            under("ShapeError", "An array has the wrong shape or dtype.", &value)?,
+            under("SimulationError", "The simulation cannot go on.", &runtime)?,
+            under("CheckpointError", "A run folder or checkpoint cannot be used.", &runtime)?,
+        ];
+        Ok::<_, PyErr>(Tree { kinds, base: base.unbind() })
     })
 }
 
@@ -78,16 +71,10 @@ fn tree(py: Python<'_>) -> PyResult<&Tree> {
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     let tree = tree(py)?;
-    for (name, exception) in [
-        ("DappoError", &tree.base),
-        ("ConfigError", &tree.config),
-        ("ShapeError", &tree.shape),
-        ("SimulationError", &tree.simulation),
-        ("CheckpointError", &tree.checkpoint),
-    ] {
-        module.add(name, exception.bind(py))?;
-    }
-    Ok(())
+    std::iter::once(&tree.base)
+        .chain(&tree.kinds)
+        .map(|exception| exception.bind(py))
+        .try_for_each(|exception| module.add(exception.name()?, exception))
 }
 
 /// An exception of the tree.
@@ -95,15 +82,7 @@ pub fn raise(kind: Kind, message: impl Into<String>) -> PyErr {
     let message = message.into();
     Python::attach(|py| match tree(py) {
         Err(error) => error,
-        Ok(tree) => {
-            let exception = match kind {
-                Kind::Config => &tree.config,
-                Kind::Shape => &tree.shape,
-                Kind::Simulation => &tree.simulation,
-                Kind::Checkpoint => &tree.checkpoint,
-            };
-            PyErr::from_type(exception.bind(py).clone(), message)
-        }
+        Ok(tree) => PyErr::from_type(tree.of(kind).bind(py).clone(), message),
     })
 }
 
@@ -174,7 +153,7 @@ pub fn to_sim(py: Python<'_>, error: &PyErr) -> SimError {
         return SimError::Interrupted;
     }
     let message = error.value(py).to_string();
-    let is_simulation = tree(py).is_ok_and(|tree| error.is_instance(py, tree.simulation.bind(py)));
+    let is_simulation = tree(py).is_ok_and(|tree| error.is_instance(py, tree.of(Kind::Simulation).bind(py)));
     if is_simulation { SimError::Device(message) } else { SimError::Config(message) }
 }
 

@@ -8,13 +8,12 @@ use std::str::FromStr;
 use clap::{Arg, Args, ValueEnum};
 use dappo_diagnose::Span;
 use dappo_learn::config::Assignment;
-use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PySequence, PyString, PyTuple};
+use pyo3::{Borrowed, IntoPyObjectExt};
 
-use crate::cli::args::{Count, Named, OneOf, Whole};
 use crate::errors::{Kind, raise};
-use crate::run_robot::RobotChanged;
+use crate::kinds::{Count, Named, OneOf, RobotChanged, Whole};
 
 /// Entries of a sequence at most.
 const MOST_ITEMS: usize = 100_000;
@@ -94,11 +93,23 @@ pub trait FromKeywords: Sized {
     fn from_keywords(keywords: &Keywords<'_>, name: &str) -> PyResult<Self>;
 }
 
-/// Defines arguments of the command line that can be read from keywords, too.
+/// Arguments of which some are settings of a configuration.
+pub trait Flags {
+    /// The settings that were given.
+    fn flags(&self) -> Vec<Assignment>;
+}
+
+/// A setting, if it was given.
+pub fn flag<T: Clone + Into<toml::Value>>(key: &str, value: Option<&T>) -> Option<Assignment> {
+    value.map(|value| Assignment::Value(key.to_owned(), value.clone().into()))
+}
+
+/// Defines arguments of the command line that can be read from keywords, too. `=> "KEY"` makes one a flag of that
+/// setting.
 macro_rules! arguments {
     (
         $(#[$meta:meta])*
-        pub struct $name:ident { $($(#[$attribute:meta])* pub $field:ident: $kind:ty,)* }
+        pub struct $name:ident { $($(#[$attribute:meta])* pub $field:ident: $kind:ty $(=> $key:literal)?,)* }
     ) => {
         $(#[$meta])*
         #[derive(Debug, clap::Args)]
@@ -112,6 +123,14 @@ macro_rules! arguments {
                 Ok(Self {
                     $($field: $crate::keywords::FromKeywords::from_keywords(keywords, stringify!($field))?,)*
                 })
+            }
+        }
+
+        impl $crate::keywords::Flags for $name {
+            fn flags(&self) -> Vec<dappo_learn::config::Assignment> {
+                let flags: [Option<dappo_learn::config::Assignment>; _] =
+                    [$($($crate::keywords::flag($key, self.$field.as_ref()),)?)*];
+                flags.into_iter().flatten().collect()
             }
         }
     };
@@ -202,6 +221,14 @@ impl FromValue for RobotChanged {
         let chosen = chosen(value, name, &names.iter().map(String::as_str).collect::<Vec<_>>())?;
         <Self as ValueEnum>::from_str(&chosen, false)
             .map_err(|error| raise(Kind::Config, format!("{name}: {error}")))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for RobotChanged {
+    type Error = PyErr;
+
+    fn extract(name: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Self::from_value(&name, "robot_changed")
     }
 }
 

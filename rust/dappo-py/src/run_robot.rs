@@ -4,45 +4,17 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use dappo_diagnose::export::Export;
 use dappo_learn::config::Config;
 use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::RunFolder;
-use pyo3::Borrowed;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::cli::console::note;
 use crate::errors::OrRaise;
 use crate::factory::to_python;
-use crate::keywords::FromValue;
-
-/// What to do where a robot file has changed since the training; without it, a command stops.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum RobotChanged {
-    /// Go on with the robot as the run has it
-    UseRun,
-    /// Go on with the robot file as it is now
-    UseFile,
-}
-
-impl RobotChanged {
-    fn name(self) -> &'static str {
-        match self {
-            Self::UseRun => "use-run",
-            Self::UseFile => "use-file",
-        }
-    }
-}
-
-impl<'py> FromPyObject<'_, 'py> for RobotChanged {
-    type Error = PyErr;
-
-    fn extract(name: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        Self::from_value(&name, "robot_changed")
-    }
-}
+use crate::kinds::RobotChanged;
 
 /// A Python `RobotCopy`: the files of a robot.
 pub struct RobotCopy(Py<PyAny>);

@@ -2,8 +2,6 @@
 
 use thiserror::Error;
 
-use crate::memory::gigabytes;
-
 /// Errors of this crate.
 #[derive(Debug, Error)]
 pub enum SimError {
@@ -82,6 +80,12 @@ pub enum SimError {
     /// A saved env state that belongs to another env.
     #[error("cannot restore the env state: {0}")]
     Snapshot(String),
+}
+
+/// A number of bytes for people.
+fn gigabytes(bytes: u128) -> String {
+    let gigabytes = bytes as f64 / 1e9;
+    if gigabytes < 1e6 { format!("{gigabytes:.2} GB") } else { format!("{gigabytes:.1e} GB") }
 }
 
 /// Checks the length of a slice.

@@ -59,12 +59,6 @@ pub fn of_envs(num_envs: usize, layout: &Layout, obs_dim: usize) -> Bytes {
     Bytes::of(num_envs, state + 6 * 4 * obs_dim + 3 * 4 * nu + 256)
 }
 
-/// A number of bytes for people.
-pub(crate) fn gigabytes(bytes: u128) -> String {
-    let gigabytes = bytes as f64 / 1e9;
-    if gigabytes < 1e6 { format!("{gigabytes:.2} GB") } else { format!("{gigabytes:.1e} GB") }
-}
-
 /// Bytes that this process may still take: what the machine has, and what its limits leave. `None` where the
 /// operating system does not tell.
 fn available() -> Option<u64> {

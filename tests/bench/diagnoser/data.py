@@ -59,7 +59,7 @@ def collect(robot: str, rollouts: int, timesteps: int, threads: int, folder: Pat
     """
     expert, data = folder / "expert", folder / "data"
     common = ["--threads", str(threads)]
-    sizes = ["--rollouts", str(rollouts), "--timesteps", str(timesteps)]
+    sizes = ["--preset", "paper", "--rollouts", str(rollouts), "--timesteps", str(timesteps)]
     # Episodes as short as a window: the run ends with an evaluation, which is not needed here.
     short_end = f"env.max_episode_steps={timesteps}"
     steps = ["--steps", str(_EXPERT_STEPS), "--run", str(expert)]

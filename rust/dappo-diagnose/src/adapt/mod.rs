@@ -6,6 +6,7 @@ mod outcome;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod text;
 mod trace;
 
 use dappo_learn::config::Config;

@@ -1,7 +1,7 @@
 //! The tables of a trial: one row a damage class, and the essence of all.
 
 use dappo_learn::csv_table::table;
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::Result;
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::statistics::median;
 use dappo_learn::walk::{KnownClasses, Trial};
@@ -146,10 +146,8 @@ impl AdaptationSummary {
 
     /// Writes the table of the classes and all numbers into `eval/` of a run.
     pub fn write(&self, run: &RunFolder) -> Result<()> {
-        run.write_evaluation("adapt.csv", &self.csv())?;
-        let text =
-            serde_json::to_string_pretty(self).map_err(|error| LearnError::Invalid(error.to_string()))?;
-        run.write_evaluation("adapt.json", &text)
+        run.evaluation().write("adapt.csv", &self.csv())?;
+        run.evaluation().write_json("adapt.json", self)
     }
 
     /// The classes as CSV with a header line.

@@ -5,9 +5,9 @@ mod pairs;
 use std::path::Path;
 
 use dappo_learn::RunPolicy;
-use dappo_learn::config::Faults;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
+use dappo_learn::faults::Faults;
 use dappo_learn::fleet::Fleet;
 use dappo_sim::Backend;
 use dappo_sim::memory::Bytes;
@@ -156,6 +156,6 @@ impl CollectConfig {
         for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
             faults.count(key, value as u64, i32::MAX as u64);
         }
-        faults.end()
+        Ok(faults.end()?)
     }
 }

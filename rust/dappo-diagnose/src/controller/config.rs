@@ -1,7 +1,8 @@
 //! Settings of the run-time loop.
 
-use dappo_learn::config::{Assignment, Faults, Layers};
+use dappo_learn::config::{Assignment, Layers};
 use dappo_learn::error::Result;
+use dappo_learn::faults::Faults;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr, VariantNames};
 
@@ -89,6 +90,6 @@ impl ControllerConfig {
         faults.positive("residual_threshold", self.residual_threshold, 1e9);
         let confidence = self.confidence;
         faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
-        faults.end()
+        Ok(faults.end()?)
     }
 }

@@ -217,6 +217,19 @@ impl ExportHeader {
         self.classes.iter().map(|class| class.name.clone()).collect()
     }
 
+    /// For people: what is exported, and its files.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let what = match &self.diagnoser {
+            Some(diagnoser) => format!("a window of {} steps", diagnoser.timesteps),
+            None => "a policy without a diagnoser".to_owned(),
+        };
+        let (robot, classes, period) = (&self.robot, self.classes.len(), self.control_period);
+        let files = self.files.iter().map(|(name, file)| format!("  {name:<24} {:>10} bytes\n", file.bytes));
+        format!("{robot}: {classes} damage classes, {what}, control period {period} s\n")
+            + &files.collect::<String>()
+    }
+
     /// A diagnoser without its weights.
     pub(super) fn description(
         &self,
@@ -265,4 +278,61 @@ pub(super) fn input_blocks(method: Method) -> Vec<String> {
         Method::D => &["damaged", "twin - damaged", "action"],
     };
     blocks.iter().map(|block| (*block).to_owned()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    fn header(diagnoser: &Value) -> ExportHeader {
+        let file = |bytes: u64| json!({"bytes": bytes, "sha256": "0"});
+        let class = |name: &str| json!({"name": name, "code": [0], "baseline": null});
+        let header = json!({
+            "format": ExportHeader::FORMAT,
+            "version": "1.0",
+            "robot": "ant",
+            "control_period": 0.05,
+            "obs_dim": 2,
+            "action_dim": 1,
+            "classes": [class("healthy"), class("jammed@0")],
+            "controller": null,
+            "policy": {
+                "onnx": "policy.onnx", "tensors": "policy.safetensors", "layers": [3, 1], "code_length": 1,
+                "code_scale": 1.0, "clip": 5.0,
+            },
+            "expert": null,
+            "diagnoser": diagnoser,
+            "twin": {
+                "mjcf": "robot.xml", "mujoco": "3.0", "integrator": "RK4", "frame_skip": 5, "action_scale": 1.0,
+                "observation": [], "touch_sensors": [], "forward_velocity": "torso", "action": null, "resync": null,
+                "residual_scale": null,
+            },
+            "sources": {
+                "policy": {"run": "run", "version": "1.0", "env_steps": 1, "fingerprint": "0"},
+                "expert": null,
+                "diagnoser": null,
+            },
+            "files": {"robot.xml": file(12345), "policy.safetensors": file(7)},
+        });
+        serde_json::from_value(header).unwrap()
+    }
+
+    #[test]
+    fn a_header_shows_what_it_exports_and_the_sizes_of_its_files() {
+        let diagnoser = json!({
+            "onnx": "diagnoser.onnx", "tensors": "diagnoser.safetensors", "method": "B",
+            "inputs": ["twin - damaged"], "timesteps": 50, "head": "classes", "embedding": 1, "lstm": 1,
+            "hidden": [], "held_out": [], "clip": 5.0,
+        });
+        let files =
+            "  policy.safetensors                7 bytes\n  robot.xml                     12345 bytes\n";
+        for (diagnoser, what) in
+            [(diagnoser, "a window of 50 steps"), (Value::Null, "a policy without a diagnoser")]
+        {
+            let expected = format!("ant: 2 damage classes, {what}, control period 0.05 s\n{files}");
+            assert_eq!(header(&diagnoser).text(), expected);
+        }
+    }
 }

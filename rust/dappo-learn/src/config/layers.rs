@@ -6,9 +6,9 @@ use serde::de::DeserializeOwned;
 
 use super::Config;
 use super::assignment::Assignment;
-use super::faults::Faults;
 use super::sift::sift;
 use crate::error::LearnError;
+use crate::faults::Faults;
 use crate::ppo::PpoConfig;
 
 /// Parts of a dotted key at most. No setting has so many, and deep nesting would need a deep stack.
@@ -295,6 +295,7 @@ mod tests {
             ("[checkpoint]\nevery = 0", "`checkpoint.every` is 0"),
             ("[checkpoint]\nkeep = 0", "`checkpoint.keep` is 0"),
             ("[evaluation]\nepisodes = 0", "`evaluation.episodes` is 0"),
+            ("[evaluation]\nevery = 0", "`evaluation.every` is 0"),
             ("curriculum = []", "`curriculum` has no stage"),
             ("curriculum = [{ name = 'a' }]", "`curriculum[0]` cannot be used: missing field `mix`"),
             ("curriculum = [{ name = 'a', mix = { healty = 1.0 } }]", "`healthy`, `single` and `multiple`"),

@@ -5,7 +5,6 @@
 
 mod assignment;
 mod changes;
-mod faults;
 mod layers;
 mod nearest;
 mod sift;
@@ -19,12 +18,11 @@ use dappo_sim::vector_env::Onset;
 use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
+use crate::faults::Faults;
 use crate::ppo::PpoConfig;
 
 pub use assignment::Assignment;
 pub use changes::{Change, change, changes};
-pub(crate) use faults::describe;
-pub use faults::{Fault, Faults};
 pub use layers::Layers;
 
 /// Envs at most: more do not fit the memory of any machine.
@@ -173,6 +171,9 @@ pub struct EvaluationSection {
     pub episodes: usize,
     /// Seed of the evaluation's initial states; the same for every policy that is compared.
     pub seed: u64,
+    /// Iterations of a training from one evaluation to the next; without it, the only one is at the end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub every: Option<u64>,
     /// As `env.device`. The CPU unless something else is asked for, so that results of all devices can be compared.
     pub device: Device,
     /// As `env.precision`, for the evaluation.
@@ -181,7 +182,7 @@ pub struct EvaluationSection {
 
 impl Default for EvaluationSection {
     fn default() -> Self {
-        Self { episodes: 4, seed: 1_000_000, device: Device::Cpu, precision: Precision::F64 }
+        Self { episodes: 4, seed: 1_000_000, every: None, device: Device::Cpu, precision: Precision::F64 }
     }
 }
 
@@ -256,6 +257,7 @@ impl Config {
         }
         faults.count("total_steps", self.total_steps, u64::MAX >> 1);
         faults.count("checkpoint.every", self.checkpoint.every, u64::MAX >> 1);
+        faults.count("evaluation.every", self.evaluation.every.unwrap_or(1), u64::MAX >> 1);
         let rows = self.env.num_envs.saturating_mul(self.horizon);
         if rows > MOST_ROWS && !faults.concern("env.num_envs") && !faults.concern("horizon") {
             faults.add("horizon", format!(
@@ -290,6 +292,6 @@ impl Config {
 
     /// Fails with all that is out of range.
     pub fn check(&self) -> Result<(), LearnError> {
-        self.faults().end()
+        Ok(self.faults().end()?)
     }
 }

@@ -3,8 +3,8 @@
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use super::faults::Faults;
 use super::nearest::nearest;
+use crate::faults::Faults;
 
 /// A step on the way from the table to a value.
 #[derive(Debug, Clone)]

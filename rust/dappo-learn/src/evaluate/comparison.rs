@@ -6,7 +6,7 @@ use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
 use super::tables::Evaluation;
 use crate::csv_table::table;
 use crate::error::{LearnError, Result};
-use crate::run_folder::RunFolder;
+use crate::run_folder::EvaluationFolder;
 use crate::simulator::Simulator;
 use crate::statistics::mean;
 use crate::walk::Encoding;
@@ -128,12 +128,10 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Writes its tables into the `eval/` of the first run, whose policies were told what `encoding` says.
-    pub fn write(&self, run: &RunFolder, encoding: Encoding) -> Result<()> {
-        let summary = serde_json::to_string_pretty(&self.summary)
-            .map_err(|error| LearnError::Invalid(error.to_string()))?;
-        run.write_evaluation(&encoding.file_name("comparison", "csv"), &self.class_table())?;
-        run.write_evaluation(&encoding.file_name("comparison", "json"), &summary)
+    /// Writes its tables into the evaluation of the first run; `encoding` is that of its policies.
+    pub fn write(&self, folder: &EvaluationFolder, encoding: Encoding) -> Result<()> {
+        folder.write(&encoding.file_name("comparison", "csv"), &self.class_table())?;
+        folder.write_json(&encoding.file_name("comparison", "json"), &self.summary)
     }
 
     /// Compares two sides that were evaluated with the same start states, drawn from `evaluation_seed`.
@@ -279,6 +277,7 @@ mod tests {
     use super::super::tables::tests::{class, simulator};
     use super::*;
     use crate::files::testing::Scratch;
+    use crate::run_folder::RunFolder;
 
     fn run(seed: u64, encoding: Encoding, rewards: [f64; 4]) -> RunEvaluation {
         let groups = ["none", "D1", "D1_1 A", "D1_1 O"];
@@ -333,7 +332,7 @@ mod tests {
         let (scratch, comparison) = (Scratch::new(), comparison());
         std::fs::write(scratch.0.join("config.toml"), "robot = 'ant'").unwrap();
         let (run, _) = RunFolder::open(&scratch.0).unwrap();
-        comparison.write(&run, Encoding::Wrong).unwrap();
+        comparison.write(&run.evaluation(), Encoding::Wrong).unwrap();
         let eval = scratch.0.join("eval");
         let mut files: Vec<_> =
             std::fs::read_dir(&eval).unwrap().map(|file| file.unwrap().file_name()).collect();

@@ -4,6 +4,7 @@ mod bootstrap;
 mod comparison;
 mod conditions;
 mod tables;
+mod text;
 
 use dappo_sim::DamageClass;
 
@@ -11,28 +12,13 @@ use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::Result;
 use crate::statistics::{mean, standard_error};
-use crate::walk::{Agent, Encoding, Episode, KnownClasses, Trial};
+use crate::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 
 pub use bootstrap::{Estimate, Gain};
 pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Side};
 pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
-
-/// Chooses actions from raw observations.
-pub trait MeanActions {
-    /// The actions without exploration noise.
-    ///
-    /// # Shapes
-    /// - `obs`: `[N, obs_dim]`, the damage code included if the policy observes it
-    /// - output: `[N, action_dim]`
-    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>>;
-}
-
-impl MeanActions for dappo_nn::Policy {
-    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
-        Ok(self.mean_actions(obs)?)
-    }
-}
+pub use text::seeds_text;
 
 /// Runs the episodes of every damage class, as many as the section `[evaluation]` says, all at once.
 ///

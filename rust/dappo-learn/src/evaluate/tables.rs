@@ -1,12 +1,12 @@
 //! The tables of an evaluation: one row a damage class, and one row a group of classes.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::csv_table::{number, table};
 use crate::error::{LearnError, Result};
-use crate::run_folder::RunFolder;
+use crate::run_folder::{EvaluationFolder, RunFolder};
 use crate::simulator::Simulator;
 use crate::statistics::mean;
 use crate::walk::Encoding;
@@ -89,10 +89,11 @@ impl Evaluation {
         Self { encoding, simulator, classes, groups }
     }
 
-    /// Writes its tables into the `eval/` of its run.
-    pub fn write(&self, run: &RunFolder) -> Result<()> {
-        run.write_evaluation(&self.encoding.file_name("per_class", "csv"), &self.class_table())?;
-        run.write_evaluation(&self.encoding.file_name("groups", "csv"), &self.group_table())
+    /// Writes its tables, and everything as JSON.
+    pub fn write(&self, folder: &EvaluationFolder) -> Result<()> {
+        folder.write(&self.encoding.file_name("per_class", "csv"), &self.class_table())?;
+        folder.write(&self.encoding.file_name("groups", "csv"), &self.group_table())?;
+        folder.write_json(&self.encoding.file_name("evaluation", "json"), self)
     }
 
     /// The group of all classes.
@@ -185,66 +186,53 @@ impl Evaluation {
     }
 }
 
-/// Mean forward velocities of a policy that is told the truth about its damage, as its evaluation found them.
+/// Mean forward velocities of a policy with the true damage code, as the evaluation of its run found them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeanVelocities {
-    /// The table that they are from.
+    /// The file that they are from.
     path: PathBuf,
-    class_names: Vec<String>,
-    /// Of every class, m/s.
-    velocities: Vec<f64>,
+    classes: Vec<MeanVelocity>,
+}
+
+/// What is read of a [`ClassResult`].
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+struct MeanVelocity {
+    name: String,
+    forward_velocity: f64,
+}
+
+/// What is read of an [`Evaluation`].
+#[derive(Deserialize)]
+struct StoredEvaluation {
+    classes: Vec<MeanVelocity>,
 }
 
 impl MeanVelocities {
-    /// Reads the table of a run; `None` if its policy has not been evaluated.
+    /// Reads those of a run; `None` if its policy has not been evaluated.
     pub fn read(run: &RunFolder) -> Result<Option<Self>> {
-        let name = Encoding::True.file_name("per_class", "csv");
-        let path = run.evaluation_path(&name);
-        let Some(table) = run.read_evaluation(&name)? else { return Ok(None) };
-        Self::parse(&table, &path).map(Some)
+        let (folder, name) = (run.evaluation(), Encoding::True.file_name("evaluation", "json"));
+        let Some(text) = folder.read(&name)? else { return Ok(None) };
+        Self::parse(&text, folder.path(&name)).map(Some)
     }
 
-    /// Those of the C damage classes of a robot, in their order; fails if the table has others.
-    ///
-    /// # Shapes
-    /// class names `[C]`; returns `[C]`, m/s
+    /// Those of the damage classes of a robot, m/s, in their order; fails if the evaluation has others.
     pub fn of(self, class_names: &[String]) -> Result<Vec<f64>> {
-        if self.class_names == class_names {
-            return Ok(self.velocities);
+        if self.classes.iter().map(|class| &class.name).eq(class_names) {
+            return Ok(self.classes.iter().map(|class| class.forward_velocity).collect());
         }
         Err(LearnError::Invalid(format!(
             "{} has {} damage classes, expected the {} of the robot in their order; evaluate the run again",
             self.path.display(),
-            self.class_names.len(),
+            self.classes.len(),
             class_names.len()
         )))
     }
 
-    /// Reads a table that [`Evaluation::class_table`] wrote.
-    fn parse(table: &str, path: &Path) -> Result<Self> {
-        let broken =
-            |what: String| LearnError::Invalid(format!("{} {what}; evaluate the run again", path.display()));
-        let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<&str>>());
-        let header = lines.next().unwrap_or_default();
-        let column = |name: &str| {
-            let found = header.iter().position(|column| *column == name);
-            found.ok_or_else(|| broken(format!("has no column `{name}`")))
-        };
-        let (class, reward, length) = (column("name")?, column("forward_reward")?, column("episode_length")?);
-        let mut found = Self { path: path.to_owned(), class_names: Vec::new(), velocities: Vec::new() };
-        for row in lines {
-            let number =
-                |column: usize| row.get(column)?.parse::<f64>().ok().filter(|number| number.is_finite());
-            let (Some(name), Some(reward), Some(length)) = (row.get(class), number(reward), number(length))
-            else {
-                return Err(broken(format!("is broken at `{}`", row.join(","))));
-            };
-            // So few digits come back from any text as they were written; the table's own tell no more.
-            let rounded = |velocity: f64| (velocity * 1e6).round() / 1e6;
-            found.class_names.push((*name).to_owned());
-            found.velocities.push(rounded(reward / length.max(1.0)));
-        }
-        Ok(found)
+    fn parse(text: &str, path: PathBuf) -> Result<Self> {
+        let StoredEvaluation { classes } = serde_json::from_str(text).map_err(|error| {
+            LearnError::Invalid(format!("{}: {error}; evaluate the run again", path.display()))
+        })?;
+        Ok(Self { path, classes })
     }
 }
 
@@ -316,19 +304,23 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn velocities_read_back_from_a_table_are_rewards_a_step_and_other_tables_are_refused() {
-        let table = evaluation([1.0; 4]).class_table();
+    fn velocities_read_back_from_an_evaluation_and_other_files_are_refused() {
+        let stored = serde_json::to_string(&evaluation([f64::NAN; 4])).unwrap();
         let names: Vec<String> = (0..4).map(|class| format!("class {class}")).collect();
-        // Forward rewards of 10, 4, 7 and -1 in 20 steps.
-        let of = |table: &str, names: &[String]| {
-            MeanVelocities::parse(table, Path::new("per_class.csv")).and_then(|found| found.of(names))
+        let of = |text: &str, names: &[String]| {
+            MeanVelocities::parse(text, "evaluation.json".into()).and_then(|found| found.of(names))
         };
-        assert_eq!(of(&table, &names).unwrap(), [0.5, 0.2, 0.35, -0.05]);
-        let refuse = |table: &str, names: &[String]| of(table, names).unwrap_err().to_string();
-        assert!(refuse(&table, &names[..3]).contains("per_class.csv has 4 damage classes, expected the 3"));
-        assert!(refuse(&table.replace("episode_length", "length"), &names).contains("`episode_length`"));
-        assert!(refuse(&table.replace("10.0000", "fast"), &names).contains("broken at `0,class 0"));
-        assert!(refuse("", &names).contains("per_class.csv has no column `name`"));
+        // Forward rewards of 10, 4, 7 and -1, sixteen times as large.
+        assert_eq!(of(&stored, &names).unwrap(), [0.625, 0.25, 0.4375, -0.0625]);
+        let refuse = |text: &str, names: &[String]| of(text, names).unwrap_err().to_string();
+        assert!(
+            refuse(&stored, &names[..3]).contains("evaluation.json has 4 damage classes, expected the 3")
+        );
+        let other = stored.replace("forward_velocity", "velocity");
+        assert!(refuse(&other, &names).contains("missing field `forward_velocity`"));
+        // JSON has no NaN, so that a velocity that was none is no number.
+        assert!(refuse(&stored.replace("0.625", "null"), &names).contains("evaluate the run again"));
+        assert!(refuse("", &names).contains("evaluation.json: "));
     }
 
     #[test]

@@ -38,14 +38,18 @@ struct Scalar {
     simple_value: Option<f32>,
 }
 
-/// The first record of a file whose first line is this one.
-pub(super) fn header(line: &Line) -> Vec<u8> {
-    let file_version = Some(FILE_VERSION.into());
-    record(&Event { wall_time: wall_time(line), file_version, ..Event::default() })
+/// The first record of a file with these lines.
+pub(super) fn header(lines: &[Line]) -> Vec<u8> {
+    let (file_version, wall_time) = (Some(FILE_VERSION.into()), lines.first().map(wall_time));
+    record(&Event { wall_time: wall_time.unwrap_or_default(), file_version, ..Event::default() })
 }
 
-/// A record with every number of a line, at the step that its entry `step_key` counts.
-pub(super) fn row(line: &Line, step_key: &str) -> Vec<u8> {
+/// A record for each line, with every number of it, at the step that its entry `step_key` counts.
+pub(super) fn rows(lines: &[Line], step_key: &str) -> Vec<u8> {
+    lines.iter().flat_map(|line| row(line, step_key)).collect()
+}
+
+fn row(line: &Line, step_key: &str) -> Vec<u8> {
     let scalar = |(name, value): &(String, Value)| {
         let is_scalar = name != step_key && name != TIME;
         let simple_value = value.as_f64().filter(|_| is_scalar)? as f32;

@@ -1,7 +1,9 @@
 //! The files that metrics are written to.
 
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
@@ -16,18 +18,25 @@ const JSON_LINES: &str = "metrics.jsonl";
 const LONGEST: u64 = 1 << 30;
 /// Whatever can be made again from the lines.
 const COPIES: [Copy; 2] = [
-    Copy { file: "metrics.csv", header: csv::header, row: |line, _| csv::row(line) },
+    Copy { file: "metrics.csv", header: csv::header, lists_metrics: true, rows: |lines, _| csv::rows(lines) },
     // TensorBoard reads files with `tfevents` in their names.
-    Copy { file: "events.out.tfevents.metrics", header: events::header, row: events::row },
+    Copy {
+        file: "events.out.tfevents.metrics",
+        header: events::header,
+        lists_metrics: false,
+        rows: events::rows,
+    },
 ];
 
 /// The lines in another format.
 struct Copy {
     file: &'static str,
-    /// What the file begins with, given the first line.
-    header: fn(&Line) -> Vec<u8>,
-    /// A line; the second argument is the entry that charts are drawn over.
-    row: fn(&Line, &str) -> Vec<u8>,
+    /// What the file begins with, given all lines.
+    header: fn(&[Line]) -> Vec<u8>,
+    /// Whether the header lists the metrics, so that all lines must have the same.
+    lists_metrics: bool,
+    /// The lines; the second argument is the entry that charts are drawn over.
+    rows: fn(&[Line], &str) -> Vec<u8>,
 }
 
 /// `metrics.jsonl`, which counts, and its copies for spreadsheets and TensorBoard, which follow from it.
@@ -68,11 +77,17 @@ impl MetricsLog {
         let file = append(&self.path(JSON_LINES), format!("{text}\n").as_bytes())?;
         // A checkpoint must not outlive the lines that led to it. The copies can be made again.
         file.sync_data().map_err(io(&self.path(JSON_LINES)))?;
+        let line = slice::from_ref(&line);
         COPIES.iter().try_for_each(|copy| {
             let path = self.path(copy.file);
             let is_new = fs::metadata(&path).map_or(true, |file| file.len() == 0);
-            let header = if is_new { (copy.header)(&line) } else { Vec::new() };
-            append(&path, &[header, (copy.row)(&line, self.step_key)].concat()).map(|_| ())
+            let header = (copy.header)(line);
+            if !is_new && copy.lists_metrics && !begins_with(&path, &header)? {
+                // An earlier version wrote other metrics.
+                return self.rewind(self.step_key, u64::MAX);
+            }
+            let header = if is_new { header } else { Vec::new() };
+            append(&path, &[header, (copy.rows)(line, self.step_key)].concat()).map(|_| ())
         })
     }
 
@@ -91,15 +106,22 @@ impl MetricsLog {
         let text: String = texts.iter().flat_map(|text| [*text, "\n"]).collect();
         write_atomically(&path, text.as_bytes())?;
         COPIES.iter().try_for_each(|copy| {
-            let header = lines.first().map(copy.header).unwrap_or_default();
-            let rows = lines.iter().flat_map(|line| (copy.row)(line, self.step_key));
-            write_atomically(&self.path(copy.file), &header.into_iter().chain(rows).collect::<Vec<u8>>())
+            let header = if lines.is_empty() { Vec::new() } else { (copy.header)(&lines) };
+            write_atomically(&self.path(copy.file), &[header, (copy.rows)(&lines, self.step_key)].concat())
         })
     }
 
     fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
+}
+
+/// Whether a file begins with these bytes.
+fn begins_with(path: &Path, bytes: &[u8]) -> Result<bool> {
+    let mut begin = Vec::with_capacity(bytes.len());
+    let file = fs::File::open(path).map_err(io(path))?;
+    file.take(bytes.len() as u64).read_to_end(&mut begin).map_err(io(path))?;
+    Ok(begin == bytes)
 }
 
 #[cfg(test)]
@@ -132,6 +154,16 @@ mod tests {
         let rows: Vec<Vec<&str>> = csv.lines().map(|row| row.split(',').collect()).collect();
         assert_eq!((rows.len(), &rows[0][..2], &rows[1][..2]), (3, &["step", "loss"][..], &["1", "0.5"][..]));
         assert_eq!(rows[2][..2], ["2", ""]);
+
+        // A later version has one metric more.
+        let later = serde_json::json!({"step": 3, "loss": 0.25, "new": 7});
+        log.append(&later).unwrap();
+        let csv = String::from_utf8(read()[1].clone()).unwrap();
+        let cells: Vec<Vec<&str>> = csv.lines().map(|row| row.split(',').collect()).collect();
+        assert_eq!(cells.iter().map(Vec::len).collect::<Vec<_>>(), [4; 4]);
+        let column = |name| cells[0].iter().position(|cell| *cell == name).unwrap();
+        assert_eq!(cells[3][column("new")], "7");
+        assert_eq!((cells[1][column("step")], cells[1][column("loss")]), ("1", "0.5"));
 
         log.rewind("step", 0).unwrap();
         assert_eq!(read(), names.map(|_| Vec::<u8>::new()));

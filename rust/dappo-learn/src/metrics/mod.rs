@@ -8,10 +8,33 @@ mod log;
 use serde::Serialize;
 
 use crate::episodes::EpisodeSummary;
+use crate::evaluate::Evaluation;
 use crate::ppo::PpoLosses;
 use crate::simulator::Simulator;
 
 pub use log::MetricsLog;
+
+/// Means of an evaluation over all damage classes; `None` after an iteration without one.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct EvaluationMeans {
+    /// Forward reward.
+    pub evaluation_forward_reward: Option<f64>,
+    /// Forward velocity, m/s.
+    pub evaluation_forward_velocity: Option<f64>,
+    /// Share of the episodes that ended in failure.
+    pub evaluation_fall_rate: Option<f64>,
+}
+
+impl From<&Evaluation> for EvaluationMeans {
+    fn from(evaluation: &Evaluation) -> Self {
+        let all = evaluation.all();
+        Self {
+            evaluation_forward_reward: Some(all.forward_reward),
+            evaluation_forward_velocity: Some(all.forward_velocity),
+            evaluation_fall_rate: Some(all.falls as f64 / all.episodes as f64),
+        }
+    }
+}
 
 /// The metrics of one iteration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -27,6 +50,9 @@ pub struct Metrics {
     pub episodes: EpisodeSummary,
     /// How often the physics of an env diverged in this iteration; such episodes are among the falls.
     pub diverged: u64,
+    /// The evaluation after this iteration, see `evaluation.every`.
+    #[serde(flatten)]
+    pub evaluation: EvaluationMeans,
     /// What the update reports.
     #[serde(flatten)]
     pub losses: PpoLosses,

@@ -3,8 +3,8 @@
 use dappo_nn::{Gradients, LearnerDevice};
 use serde::{Deserialize, Serialize};
 
-use crate::config::Faults;
 use crate::error::{LearnError, Result};
+use crate::faults::Faults;
 
 /// Passes and rows of a minibatch at most.
 const MOST_COUNT: u64 = i32::MAX as u64;
@@ -117,9 +117,9 @@ impl PpoConfig {
     #[must_use]
     pub fn preset_name(&self) -> Option<&'static str> {
         let (device, gradients) = (self.device, self.gradients);
-        PRESETS.into_iter().find(|name| {
-            Self::preset(name).is_ok_and(|preset| Self { device, gradients, ..preset } == *self)
-        })
+        PRESETS
+            .into_iter()
+            .find(|name| Self::preset(name).is_ok_and(|preset| Self { device, gradients, ..preset } == *self))
     }
 
     /// Where gradients and Adam's steps come from.
@@ -141,7 +141,7 @@ impl PpoConfig {
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();
         self.review(&mut faults);
-        faults.end()
+        Ok(faults.end()?)
     }
 
     /// Notes the settings outside their range.

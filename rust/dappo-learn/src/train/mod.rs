@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 use crate::gae::gae;
-use crate::metrics::Metrics;
+use crate::metrics::{EvaluationMeans, Metrics};
 use crate::ppo::PpoConfig;
 use crate::robot_files::RobotFiles;
 use crate::run_folder::LockedRun;
@@ -71,8 +71,13 @@ pub fn train(
     }
     let mut interrupted = false;
     while session.progress.env_steps < config.total_steps && !interrupted {
-        let metrics = iterate(&mut session, config, factory)
+        let mut metrics = iterate(&mut session, config, factory)
             .map_err(|error| with_advice(error, config, run, session.progress.iteration + 1))?;
+        if config.evaluation.every.is_some_and(|every| metrics.iteration.is_multiple_of(every))
+            && let Some(evaluation) = session.evaluate(config, factory, &|| observer.should_stop())?
+        {
+            metrics.evaluation = EvaluationMeans::from(&evaluation);
+        }
         run.append_metrics(&metrics)?;
         observer.iteration(&metrics);
         interrupted = observer.should_stop();
@@ -119,6 +124,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
         diverged: session.diverged(),
+        evaluation: EvaluationMeans::default(),
         simulator: factory.simulator(factory.training_physics()),
         losses,
         rollout_seconds: (collected - start).as_secs_f64(),

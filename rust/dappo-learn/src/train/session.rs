@@ -6,9 +6,11 @@ use crate::engine::RolloutEngine;
 use crate::envs::{EnvFactory, Sizes};
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
+use crate::evaluate::{Evaluation, evaluate};
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 use crate::run_folder::{LockedRun, RunFolder};
+use crate::walk::Encoding;
 
 pub(super) struct Session {
     pub ppo: Ppo,
@@ -76,6 +78,16 @@ impl Session {
     pub fn diverged(&mut self) -> u64 {
         let before = std::mem::replace(&mut self.diverged, self.engine.diverged());
         self.diverged - before
+    }
+
+    /// Evaluates the policy as it is now; `None` once `stop` says so.
+    pub fn evaluate(
+        &self,
+        config: &Config,
+        factory: &dyn EnvFactory,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Evaluation>> {
+        evaluate(&self.ppo.frozen()?.policy, config, Encoding::True, factory, stop)
     }
 
     /// Collects one rollout.

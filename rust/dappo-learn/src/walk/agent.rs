@@ -6,7 +6,22 @@ use dappo_sim::vector_env::VectorEnv;
 use super::encoding::{another_class, fair_bit};
 use super::{Encoding, Event, KnownClasses};
 use crate::error::Result;
-use crate::evaluate::MeanActions;
+
+/// Chooses actions from raw observations.
+pub trait MeanActions {
+    /// The actions without exploration noise.
+    ///
+    /// # Shapes
+    /// - `obs`: `[N, obs_dim]`, the damage code included if the policy observes it
+    /// - output: `[N, action_dim]`
+    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>>;
+}
+
+impl MeanActions for dappo_nn::Policy {
+    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
+        Ok(self.mean_actions(obs)?)
+    }
+}
 
 /// Chooses the actions of all robots of a trial.
 pub enum Agent<'a> {

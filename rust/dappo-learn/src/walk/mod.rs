@@ -17,7 +17,7 @@ use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
 
-pub use agent::{Agent, Onboard};
+pub use agent::{Agent, MeanActions, Onboard};
 pub use classes::KnownClasses;
 pub use encoding::Encoding;
 pub use episode::{Episode, Kept, Walks};

@@ -6,9 +6,10 @@ use crate::counter::{CODE, Counter, ROBOT, ROW};
 use crate::run_folder::{create, scratch};
 use dappo_learn::config::Config;
 use dappo_learn::envs::{EnvFactory, Sizes};
-use dappo_learn::evaluate::{Conditions, Evaluation, MeanActions, evaluate};
-use dappo_learn::walk::Encoding;
-use dappo_sim::{Backend, DamageSpace, Physics, Precision, Robot, SimError};
+use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
+use dappo_learn::run_folder::RunFolder;
+use dappo_learn::walk::{Encoding, MeanActions};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Physics, Precision, Robot, SimError};
 
 pub const CLASSES: usize = 33;
 const EPISODES: usize = 4;
@@ -275,16 +276,34 @@ fn tables_are_written_beside_each_other_by_what_the_policy_was_told() {
     for encoding in [Encoding::True, Encoding::Zero] {
         let still = Recorder::new(|_, _| [0.0, 0.0]);
         let found = evaluate(&still, &config(2, true), encoding, &factory, &|| false).unwrap().unwrap();
-        found.write(&run).unwrap();
+        found.write(&run.evaluation()).unwrap();
     }
     let mut names: Vec<_> = std::fs::read_dir(root.join("eval"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["groups.csv", "groups.zero.csv", "per_class.csv", "per_class.zero.csv"]);
+    let tables = ["groups.csv", "groups.zero.csv", "per_class.csv", "per_class.zero.csv"];
+    assert_eq!(names, [&["evaluation.json", "evaluation.zero.json"], &tables[..]].concat());
     let table = std::fs::read_to_string(root.join("eval").join("per_class.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + factory.space().classes().len());
+    std::fs::remove_dir_all(&root).unwrap();
+}
+
+#[test]
+fn an_evaluation_with_other_settings_than_those_of_the_run_has_a_folder_of_its_own() {
+    let root = scratch("extra");
+    let run = create(&root, 0).unwrap();
+    let (_, own) = RunFolder::open(&root).unwrap();
+    let folder = |changed: Config| run.evaluation_with(&changed).unwrap().path("x");
+    assert_eq!(folder(own.clone()), root.join("eval").join("x"));
+    // Threads change no episode, and a choice that was left open is none.
+    let mut machine = own.clone();
+    (machine.env.threads, machine.env.backend) = (Some(3), BackendKind::Lanes);
+    assert_eq!(folder(machine), root.join("eval").join("x"));
+    let mut other = own;
+    (other.evaluation.episodes, other.evaluation.seed, other.evaluation.precision) = (3, 7, Precision::F32);
+    assert_eq!(folder(other), root.join("eval").join("episodes-3_precision-f32_seed-7").join("x"));
     std::fs::remove_dir_all(&root).unwrap();
 }
 

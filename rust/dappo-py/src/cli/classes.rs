@@ -1,12 +1,12 @@
 //! `dappo-batch classes`: id, name, group and code of every damage class.
 
+use dappo_learn::text_table::table;
 use dappo_sim::DamageSpace;
 use pyo3::prelude::*;
 use serde_json::json;
 
-use super::Caller;
 use super::args::ClassesArgs;
-use crate::cli::console::Table;
+use super::{Caller, console};
 use crate::errors::OrRaise;
 
 pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult<i32> {
@@ -36,11 +36,10 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
         caller.object(&rows);
         return Ok(0);
     }
-    let mut table = Table::new(&["id", "<name", "<group", "<code"]);
-    for class in space.classes() {
+    let rows = space.classes().iter().map(|class| {
         let bits = code(class).iter().map(ToString::to_string).collect();
-        table.row([class.id.to_string(), class.name.clone(), class.group.clone(), bits]);
-    }
-    table.print();
+        [class.id.to_string(), class.name.clone(), class.group.clone(), bits]
+    });
+    console::print(&table(["id", "<name", "<group", "<code"], rows));
     Ok(0)
 }

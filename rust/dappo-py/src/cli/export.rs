@@ -1,13 +1,10 @@
 //! `dappo-batch export`.
 
-use std::path::Path;
-
-use dappo_diagnose::export::{Export, ExportHeader, ExportedRun, Staged};
+use dappo_diagnose::export::{Export, ExportedRun, Staged};
 use pyo3::prelude::*;
 
-use super::Caller;
 use super::args::ExportArgs;
-use crate::cli::console::print_line;
+use super::{Caller, console};
 use crate::controller;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::{TableFactory, mujoco_version};
@@ -39,24 +36,8 @@ pub fn run(py: Python<'_>, arguments: &ExportArgs, caller: &Caller) -> PyResult<
     if arguments.json {
         caller.object(export.header());
     } else {
-        describe(export.header(), &arguments.out);
+        console::print(&export.header().text());
+        console::write_line(&arguments.out.display().to_string());
     }
     Ok(0)
-}
-
-fn describe(header: &ExportHeader, out: &Path) {
-    let what = match &header.diagnoser {
-        Some(diagnoser) => format!("a window of {} steps", diagnoser.timesteps),
-        None => "a policy without a diagnoser".to_owned(),
-    };
-    print_line!(
-        "{}: {} damage classes, {what}, control period {} s",
-        header.robot,
-        header.classes.len(),
-        header.control_period
-    );
-    for (name, file) in &header.files {
-        print_line!("  {name:<24} {:>10} bytes", file.bytes);
-    }
-    print_line!("{}", out.display());
 }

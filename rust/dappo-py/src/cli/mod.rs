@@ -82,12 +82,12 @@ pub fn run(py: Python<'_>, command: &Command, given: &[String], caller: &Caller)
         Command::Export(arguments) => export::run(py, arguments, caller),
         Command::Render(arguments) => render::run(py, arguments, caller),
         Command::View(arguments) => render::view(py, arguments, caller),
-        Command::Sweep(arguments) => tools::sweep(py, arguments),
-        Command::Report(arguments) => tools::report(py, arguments),
+        Command::Sweep(arguments) => tools::run(py, "dappo_batch.sweeps.command", arguments),
+        Command::Report(arguments) => tools::run(py, "dappo_batch.report", arguments),
         Command::Classes(arguments) => classes::run(py, arguments, caller),
         Command::Config(arguments) => settings::print(py, arguments),
-        Command::Bench(arguments) => tools::bench(py, arguments),
-        Command::Doctor(arguments) => tools::doctor(py, arguments),
+        Command::Bench(arguments) => tools::run(py, "dappo_batch.bench", arguments),
+        Command::Doctor(arguments) => tools::run(py, "dappo_batch.doctor", arguments),
     }
 }
 

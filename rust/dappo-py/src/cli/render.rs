@@ -20,21 +20,24 @@ use crate::pool::Pool;
 use crate::run_robot::OpenRun;
 
 pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<i32> {
-    film::check(py, &arguments.out)?;
-    film_walk(py, &arguments.walk, caller, |film| film.write(py, &arguments.out, caller))
+    let (camera, strip) = (arguments.walk.camera.as_str(), arguments.strip.count());
+    film::check(py, &arguments.out, Some(strip))?;
+    film_walk(py, &arguments.walk, caller, |film| {
+        film.write(py, &arguments.out, Some((camera, strip)), caller)
+    })
 }
 
 pub fn view(py: Python<'_>, arguments: &ViewArgs, caller: &Caller) -> PyResult<i32> {
-    let (host, port) = (&arguments.host, arguments.port);
+    let (host, port, camera) = (&arguments.host, arguments.port, &arguments.walk.camera);
     if arguments.browser {
         film::check_browser(py, host, port)?;
-        return film_walk(py, &arguments.walk, caller, |film| film.serve(py, host, port, caller));
+        return film_walk(py, &arguments.walk, caller, |film| film.serve(py, (host, port), camera, caller));
     }
     film::check_screen(py)?;
-    film_walk(py, &arguments.walk, caller, |film| film.show(py, caller))
+    film_walk(py, &arguments.walk, caller, |film| film.show(py, camera, caller))
 }
 
-/// Lets a robot walk and hands over the film.
+/// Simulates a walk and passes it to `show`.
 fn film_walk(
     py: Python<'_>,
     arguments: &WalkArgs,
@@ -51,6 +54,7 @@ fn film_walk(
     let pool = Pool::new(arguments.simulation.threads())?;
     config.env.max_episode_steps = Some(arguments.steps.count());
     let factory = TableFactory::compile(py, &config)?;
+    film::check_camera(py, &factory, &arguments.camera)?;
     let trial = Trial {
         classes: vec![factory.space().parse(&arguments.damage).or_raise()?],
         episodes: 1,
@@ -67,7 +71,7 @@ fn film_walk(
     Ok(0)
 }
 
-/// Lets the controller walk if there is a diagnoser, and otherwise the policy; `None` when interrupted.
+/// Simulates a walk of the controller if there is a diagnoser, else of the policy; `None` when interrupted.
 fn walk(
     parts: Option<&Parts>,
     (folder, config, factory): (&RunFolder, &Config, &TableFactory),
@@ -84,9 +88,12 @@ fn walk(
     let policy = RunPolicy::newest(folder, config, factory)?.policy;
     let known = KnownClasses::of(factory.space());
     let (agent, walker) = if policy.code_length() > 0 {
-        (Agent::Encoded(&policy, &known, Encoding::True), Walker::Policy("the policy is told at once"))
+        (
+            Agent::Encoded(&policy, &known, Encoding::True),
+            Walker::Policy("damage-aware policy, true damage code"),
+        )
     } else {
-        (Agent::Unaware(&policy), Walker::Policy("the policy is not told"))
+        (Agent::Unaware(&policy), Walker::Policy("policy without damage code"))
     };
     Ok(run(agent)?.map(|walks| (walks, walker)))
 }

@@ -3,16 +3,17 @@
 use std::path::Path;
 
 use dappo_learn::LearnError;
-use dappo_learn::config::{Assignment, Config, Layers};
+use dappo_learn::config::{Config, Layers};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::files::read_given_text;
 use dappo_sim::{BackendKind, Device, Precision, SimError};
 use pyo3::prelude::*;
 
-use super::args::{AtLeast, ConfigArgs, Count, SimulationArgs, Threads};
+use super::args::{ConfigArgs, SimulationArgs};
 use super::console;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
+use crate::keywords::Flags;
 use crate::warp;
 
 /// The resolved configuration of a new run.
@@ -48,23 +49,8 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
             .map_err(|error| LearnError::Invalid(format!("cannot read {}: {error}", path.display())))?;
         layers.add_toml(&text, &path.display().to_string())?;
     }
-    let number = |number: Option<i64>| number.map(toml::Value::from);
-    let name = |name: Option<&str>| name.map(toml::Value::from);
-    layers.assign(&flags([
-        ("env.num_envs", number(arguments.num_envs.map(Count::get))),
-        ("total_steps", number(arguments.total_steps.map(AtLeast::get))),
-        ("seed", number(arguments.seed.map(AtLeast::get))),
-        ("env.threads", number(arguments.threads.map(Threads::get))),
-        ("env.njmax", number(arguments.room.njmax.map(Count::get))),
-        ("env.nconmax", number(arguments.room.nconmax.map(Count::get))),
-        ("robot", name(arguments.robot.as_deref())),
-        ("env.device", name(arguments.device.as_deref())),
-        ("env.backend", name(arguments.backend.as_deref())),
-        ("env.precision", name(arguments.precision.as_deref())),
-        ("ppo.device", name(arguments.learner.as_deref())),
-        ("env.reward", name(arguments.reward.as_deref())),
-        ("env.physics", name(arguments.physics.as_deref())),
-    ]))?;
+    layers.assign(&arguments.flags())?;
+    layers.assign(&arguments.room.flags())?;
     if arguments.unaware {
         layers.set("env.observe_damage", false)?;
     }
@@ -72,12 +58,6 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
         layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
     }
     layers.assign(&arguments.set)
-}
-
-/// The settings of the flags that were given, by their dotted keys.
-pub fn flags<const N: usize>(flags: [(&str, Option<toml::Value>); N]) -> Vec<Assignment> {
-    let given = flags.into_iter().filter_map(|(key, value)| Some(Assignment::Value(key.into(), value?)));
-    given.collect()
 }
 
 /// Settles the devices and compiles the robot of a training. All that can be known to be wrong is refused here, before

@@ -1,25 +1,30 @@
 //! `dappo-batch train`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use dappo_learn::config::{Config, change};
+use dappo_learn::config::{Assignment, Config, change};
 use dappo_learn::envs::EnvFactory;
+use dappo_learn::episodes::EpisodeSummary;
+use dappo_learn::metrics::Metrics;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
-use dappo_learn::train::{Resumption, train};
+use dappo_learn::train::{Observer, Resumption, train};
 use dappo_learn::walk::Encoding;
 use pyo3::prelude::*;
 
 use super::args::{ConfigArgs, TrainArgs};
-use super::evaluate::{evaluate_and_save, show};
-use super::progress::Display;
-use super::{Caller, INTERRUPTED, settings};
+use super::evaluate::evaluate_and_save;
+use super::progress::Watch;
+use super::{Caller, INTERRUPTED, console, settings};
 use crate::cli::console::{note, print_line};
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::{TableFactory, mujoco_version};
+use crate::keywords::Flags;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
+
+/// Settings that are no part of a run: another machine may go on with it.
+const OF_MACHINE: [&str; 2] = ["env.threads", "ppo.device"];
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Caller) -> PyResult<i32> {
     let (mut config, resumed) = if let Some(folder) = &arguments.resume {
@@ -45,11 +50,16 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         note!("{}", factory.describe(factory.training_physics()));
     }
 
-    let interrupted = caller.watch()?;
-    let objects = arguments.json.then_some(caller);
-    let mut display = Display::new(&config, factory.control_period(), objects, Arc::clone(&interrupted));
+    let watch = Watch::new(config.total_steps, arguments.json, caller)?;
+    let mut display = Display::new(&config, factory.control_period(), &watch);
     let outcome = pool.run(py, || train(&config, &factory, &run, resumption.as_ref(), &mut display));
-    display.finish();
+    watch.finish();
+    if display.diverged > 0 && !arguments.json {
+        note!(
+            "divergences of the physics: {}; each ended its episode, and `diverged` in metrics.jsonl says when",
+            display.diverged
+        );
+    }
     let outcome = outcome?;
     if outcome.interrupted {
         note!(
@@ -60,7 +70,8 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         return Ok(INTERRUPTED);
     }
     let evaluation = pool.run(py, || {
-        evaluate_and_save(&outcome.policy, &config, Encoding::True, &factory, &run, &interrupted)
+        let stop = || watch.is_interrupted();
+        evaluate_and_save(&outcome.policy, &config, Encoding::True, &factory, &run.evaluation(), &stop)
     })?;
     let Some(evaluation) = evaluation else {
         let root = run.root().display();
@@ -68,7 +79,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         return Ok(INTERRUPTED);
     };
     if !arguments.json {
-        show(&evaluation);
+        console::print(&evaluation.text());
         print_line!("run folder: {}", run.root().display());
     }
     Ok(0)
@@ -83,19 +94,16 @@ fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(Loc
     let run = folder.lock().or_raise()?;
     let robot = if is_kept { None } else { Some(robot.to_keep(py)?) };
     let (_, stored) = RunFolder::open(run.root()).or_raise()?;
-    let ConfigArgs { total_steps, room, threads, learner, set, .. } = &arguments.config;
-    let of_run = settings::flags([
-        ("total_steps", total_steps.map(|steps| steps.get().into())),
-        ("env.njmax", room.njmax.map(|room| room.get().into())),
-        ("env.nconmax", room.nconmax.map(|room| room.get().into())),
-    ]);
-    let of_machine = settings::flags([
-        ("env.threads", threads.map(|threads| threads.get().into())),
-        ("ppo.device", learner.as_deref().map(Into::into)),
-    ]);
+    let ConfigArgs { room, set, .. } = &arguments.config;
+    let flags = [arguments.config.flags(), room.flags()].concat();
+    let is_of_run = |flag: &&Assignment| match flag {
+        Assignment::Value(key, _) => !OF_MACHINE.contains(&key.as_str()),
+        Assignment::Text(_) => true,
+    };
+    let of_run: Vec<Assignment> = flags.iter().filter(is_of_run).cloned().collect();
     // As in a new run, an explicit `--set` wins over the flags.
     let changed = change(&stored, &[&of_run[..], set].concat()).or_raise()?;
-    let mut config = change(&stored, &[&of_run[..], &of_machine, set].concat()).or_raise()?;
+    let mut config = change(&stored, &[&flags[..], set].concat()).or_raise()?;
     config.robot_file = simulated.robot_file;
     Ok((run, Resumption { config: changed, robot }, config))
 }
@@ -139,4 +147,57 @@ fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String 
         config.total_steps,
         run.root().display()
     )
+}
+
+/// Shows iterations.
+struct Display<'a> {
+    watch: &'a Watch<'a>,
+    iterations: u64,
+    steps_an_iteration: u64,
+    control_period: f64,
+    last_walked: String,
+    diverged: u64,
+}
+
+impl<'a> Display<'a> {
+    /// `control_period` is the length of an env step, s.
+    fn new(config: &Config, control_period: f64, watch: &'a Watch<'a>) -> Self {
+        let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
+        let iterations = config.total_steps.div_ceil(steps_an_iteration);
+        let last_walked = "–".to_owned();
+        Self { watch, iterations, steps_an_iteration, control_period, last_walked, diverged: 0 }
+    }
+}
+
+impl Observer for Display<'_> {
+    fn iteration(&mut self, metrics: &Metrics) {
+        self.diverged += metrics.diverged;
+        if self.watch.object(metrics) {
+            return;
+        }
+        let EpisodeSummary { forward_reward, episode_length, .. } = metrics.episodes;
+        if let Some((reward, length)) = forward_reward.zip(episode_length) {
+            let (velocity, distance) = (reward / length, reward * self.control_period);
+            self.last_walked = format!("{reward:.0} ({velocity:.2} m/s, {distance:.1} m)");
+        }
+        let rate = self.steps_an_iteration as f64 / (metrics.rollout_seconds + metrics.update_seconds);
+        let message = format!(
+            "iteration {}/{} · {} · forward reward {} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
+            metrics.iteration,
+            self.iterations,
+            metrics.stage,
+            self.last_walked,
+            rate / 1000.0,
+            metrics.rollout_seconds,
+            metrics.update_seconds
+        );
+        if metrics.iteration.is_multiple_of(20) || metrics.iteration == self.iterations {
+            self.watch.line(&message);
+        }
+        self.watch.step(metrics.env_steps, message);
+    }
+
+    fn should_stop(&self) -> bool {
+        self.watch.is_interrupted()
+    }
 }

@@ -4,8 +4,6 @@ use std::ops::RangeInclusive;
 
 use toml::{Table, Value};
 
-use super::faults::{number, shown};
-
 /// One table of a robot file while it is checked.
 pub(super) struct Entries<'a, 'f> {
     table: &'a Table,
@@ -146,4 +144,23 @@ impl<'a, 'f> Entries<'a, 'f> {
 /// A text with something in it.
 fn text(value: &Value) -> Option<&str> {
     value.as_str().filter(|text| !text.trim().is_empty())
+}
+
+/// A number, written with or without a point.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+/// A value for a message, cut where it is long.
+pub(super) fn shown(value: &Value) -> String {
+    match value {
+        Value::Table(_) => "a table".into(),
+        Value::Array(_) => "a list".into(),
+        Value::String(text) => {
+            let short: String = text.chars().take(60).collect();
+            format!("{short:?}")
+        }
+        Value::Float(number) if number.abs() >= 1e15 && number.is_finite() => format!("{number:e}"),
+        other => other.to_string(),
+    }
 }

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use toml::{Table, Value};
 
-use super::entries::Entries;
+use super::entries::{Entries, number, shown};
 
 /// Physics substeps an env step.
 const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
@@ -231,23 +231,4 @@ fn check_reward_term(entries: &mut Entries) {
     }
     entries.number("weight", -LARGEST..=LARGEST);
     entries.finish();
-}
-
-/// A number, written with or without a point.
-pub(super) fn number(value: &Value) -> Option<f64> {
-    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
-}
-
-/// A value for a message, cut where it is long.
-pub(super) fn shown(value: &Value) -> String {
-    match value {
-        Value::Table(_) => "a table".into(),
-        Value::Array(_) => "a list".into(),
-        Value::String(text) => {
-            let short: String = text.chars().take(60).collect();
-            format!("{short:?}")
-        }
-        Value::Float(number) if number.abs() >= 1e15 && number.is_finite() => format!("{number:e}"),
-        other => other.to_string(),
-    }
 }

@@ -40,7 +40,7 @@ arguments! {
         /// Write the first episode step by step, as CSV
         #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
         pub log: Option<PathBuf>,
-        /// Draw the first episode into a file: .mp4, .gif, or .png of its last step
+        /// Draw the first episode into a file: .mp4, .gif, or .png for a strip of frames
         #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
         pub video: Option<PathBuf>,
         /// The robot.

@@ -34,7 +34,8 @@ pub enum DiagnoseCommand {
 arguments! {
     /// Arguments of `diagnose collect`.
     pub struct CollectArgs {
-        /// Run folder of the expert, a policy trained with `train --healthy`; its robot and damage settings are used
+        /// Run folder of the policy that acts during the recording. For `adapt`: the damage-aware policy that will be
+        /// adapted. For the paper's Table 1: an expert, trained with `train --healthy`
         #[arg(value_name = "RUN")]
         pub expert: PathBuf,
         /// Folder of the dataset; one that holds rollouts of the same kind is continued
@@ -46,9 +47,9 @@ arguments! {
         /// Steps that are recorded
         #[arg(long, value_name = "T", allow_negative_numbers = true, default_value = "50")]
         pub timesteps: Count<1>,
-        /// Damage at the start of a rollout (paper), in mid-gait with a delayed diagnosis (runtime), or the same with a
-        /// twin that is put beside the robot before every step (residual)
-        #[arg(long, default_value = "paper")]
+        /// Damage in mid-episode and a twin that is re-synchronised before every step, as `adapt` needs it (residual),
+        /// the same with a free-running twin (runtime), or damage at the start of an episode (paper)
+        #[arg(long, default_value = "residual")]
         pub preset: OneOf<Preset>,
         /// Steps of healthy walk before the damage, instead of the preset's
         #[arg(long, value_name = "FIRST-LAST")]
@@ -98,19 +99,19 @@ arguments! {
         /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
         /// [default: B]
         #[arg(long)]
-        pub method: Option<OneOf<Method>>,
+        pub method: Option<OneOf<Method>> => "method",
         /// Steps that it sees [default: all of the data]
         #[arg(long, value_name = "T", allow_negative_numbers = true)]
-        pub timesteps: Option<Count<1>>,
+        pub timesteps: Option<Count<1>> => "timesteps",
         /// Rollouts that are used, a fifth of them to validate on [default: all]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        pub rollouts: Option<Count<2>>,
+        pub rollouts: Option<Count<2>> => "rollouts",
         /// Seed of split, weights and order
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
-        pub seed: Option<AtLeast<0>>,
+        pub seed: Option<AtLeast<0>> => "seed",
         /// One output a damage class (classes), or one a limb and damage type (limbs)
         #[arg(long)]
-        pub head: Option<OneOf<Head>>,
+        pub head: Option<OneOf<Head>> => "head",
         /// Damage classes that are never trained on, comma separated names or ids
         #[arg(long, value_name = "CLASSES", value_delimiter = ',')]
         pub held_out: Vec<String>,

@@ -4,7 +4,6 @@ mod adapt;
 mod controller;
 mod diagnose;
 mod export;
-mod kinds;
 mod render;
 mod tools;
 
@@ -22,12 +21,12 @@ pub use diagnose::{
     CollectArgs, DiagnoseArgs, DiagnoseCommand, SweepArgs, TestDiagnoserArgs, TrainDiagnoserArgs,
 };
 pub use export::ExportArgs;
-pub use kinds::{AtLeast, Count, Integrator, Named, OneOf, Threads, Whole};
 pub use render::{RenderArgs, ViewArgs, WalkArgs};
 pub use tools::{BenchArgs, DoctorArgs, GridArgs, ReportArgs};
 
 use crate::keywords::arguments;
-use crate::run_robot::RobotChanged;
+pub use crate::kinds::{AtLeast, Count, OneOf, Threads, Whole};
+use crate::kinds::{Integrator, RobotChanged};
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -74,37 +73,37 @@ arguments! {
     pub struct ConfigArgs {
         /// Built-in robot or path of a robot file [default: the one of `dappo-batch config`]
         #[arg(long, value_name = "NAME|FILE")]
-        pub robot: Option<String>,
+        pub robot: Option<String> => "robot",
         /// Configuration file instead of the robot's own in configs/
         #[arg(long, value_name = "FILE")]
         pub config: Option<PathBuf>,
         /// Number of envs simulated at once
-        #[arg(long = "envs", alias = "num-envs", value_name = "N", allow_negative_numbers = true)]
-        pub num_envs: Option<Count<1>>,
+        #[arg(long = "envs", visible_alias = "num-envs", value_name = "N", allow_negative_numbers = true)]
+        pub num_envs: Option<Count<1>> => "env.num_envs",
         /// Env steps of the whole run
-        #[arg(long = "steps", alias = "total-steps", value_name = "N", allow_negative_numbers = true)]
-        pub total_steps: Option<AtLeast<1>>,
+        #[arg(long = "steps", visible_alias = "total-steps", value_name = "N", allow_negative_numbers = true)]
+        pub total_steps: Option<AtLeast<1>> => "total_steps",
         /// Seed of all random streams
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
-        pub seed: Option<AtLeast<0>>,
+        pub seed: Option<AtLeast<0>> => "seed",
         /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
         #[arg(long)]
-        pub device: Option<OneOf<Device>>,
+        pub device: Option<OneOf<Device>> => "env.device",
         /// Physics backend on the CPU
         #[arg(long)]
-        pub backend: Option<OneOf<BackendKind>>,
+        pub backend: Option<OneOf<BackendKind>> => "env.backend",
         /// Precision of the backend lanes
         #[arg(long)]
-        pub precision: Option<OneOf<Precision>>,
+        pub precision: Option<OneOf<Precision>> => "env.precision",
         /// Room for contacts and constraints on a GPU.
         #[command(flatten)]
         pub room: RoomArgs,
         /// Where to compute the networks; wgpu needs a build with that feature
         #[arg(long)]
-        pub learner: Option<OneOf<LearnerDevice>>,
+        pub learner: Option<OneOf<LearnerDevice>> => "ppo.device",
         /// Worker threads [default: all cores]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        pub threads: Option<Threads>,
+        pub threads: Option<Threads> => "env.threads",
         /// Hide the damage code from the policy (PPO-Unaware)
         #[arg(long)]
         pub unaware: bool,
@@ -113,10 +112,10 @@ arguments! {
         pub healthy: bool,
         /// Reward function of the robot, for example paper or gym
         #[arg(long, value_name = "NAME")]
-        pub reward: Option<String>,
+        pub reward: Option<String> => "env.reward",
         /// Integrator, if not the robot's own; euler is faster and another physics
         #[arg(long)]
-        pub physics: Option<OneOf<Integrator>>,
+        pub physics: Option<OneOf<Integrator>> => "env.physics",
         /// Any other setting, for example ppo.gamma=0.99 (see `dappo-batch config`)
         #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
         pub set: Vec<Assignment>,
@@ -186,10 +185,10 @@ arguments! {
     pub struct RoomArgs {
         /// Room for the constraints of an env on a GPU [default: what a limbed robot can need at most]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        pub njmax: Option<Count<1>>,
+        pub njmax: Option<Count<1>> => "env.njmax",
         /// Room for contacts there, an env on average [default: likewise]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        pub nconmax: Option<Count<1>>,
+        pub nconmax: Option<Count<1>> => "env.nconmax",
     }
 }
 

@@ -1,14 +1,19 @@
-//! The arguments of the commands that are written in Python: `report`, `sweep`, `bench` and `doctor`.
+//! The arguments of the commands that are written in Python: `report`, `sweep`, `bench` and `doctor`. They are the
+//! keywords of the function `command` there.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use clap::Args;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use serde_json::Value;
 
 use super::{Count, Threads};
+use crate::factory::to_python;
 
 /// Arguments of `report`.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, IntoPyObjectRef)]
 pub struct ReportArgs {
     /// A run folder, a folder of `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`; runs that differ in
     /// nothing but their seed are drawn as one learner
@@ -26,16 +31,18 @@ pub struct ReportArgs {
 }
 
 /// Arguments of `sweep`.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, IntoPyObjectRef)]
 pub struct GridArgs {
     /// Folder of the sweep; the same command goes on with what is missing
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Values of a flag of `train` or of a setting, for example seed=0,1,2 unaware=false,true
     #[arg(long, value_name = "KEY=V1,V2", num_args = 1.., value_parser = values)]
+    #[pyo3(into_py_with = mapping)]
     pub grid: Vec<(String, Value)>,
     /// What all trainings have in common
     #[arg(long, value_name = "KEY=VALUE", num_args = 1.., value_parser = value)]
+    #[pyo3(into_py_with = mapping)]
     pub base: Vec<(String, Value)>,
     /// Trainings at once
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1")]
@@ -43,13 +50,14 @@ pub struct GridArgs {
 }
 
 /// Arguments of `bench`.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, IntoPyObjectRef)]
 pub struct BenchArgs {
     /// Built-in robot or path of a robot file
     #[arg(long, value_name = "NAME|FILE", default_value = "ant")]
     pub robot: String,
     /// Number of envs simulated at once
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1024")]
+    #[pyo3(item("num_envs"))]
     pub envs: Count<1>,
     /// Threads of each contender [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
@@ -66,11 +74,19 @@ pub struct BenchArgs {
 }
 
 /// Arguments of `doctor`.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, IntoPyObjectRef)]
 pub struct DoctorArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[expect(clippy::owned_cow, reason = "PyO3 hands fields over as they are")]
+#[expect(clippy::needless_pass_by_value, reason = "PyO3 hands fields over by value")]
+fn mapping<'py>(values: Cow<'_, Vec<(String, Value)>>, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    let mapping = PyDict::new(py);
+    values.iter().try_for_each(|(key, value)| mapping.set_item(key, to_python(py, value)?))?;
+    Ok(mapping.into_any())
 }
 
 /// Reads `key=value`: JSON, or else a text.

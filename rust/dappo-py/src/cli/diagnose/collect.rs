@@ -1,8 +1,6 @@
 //! `dappo-batch diagnose collect`.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
 use std::time::Instant;
 
 use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
@@ -11,13 +9,12 @@ use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::robot_files::keep_first;
 use dappo_learn::{FileKind, Result, RunPolicy};
-use indicatif::ProgressBar;
 use pyo3::prelude::*;
 use serde_json::json;
 
 use crate::cli::args::CollectArgs;
 use crate::cli::console::{note, print_line};
-use crate::cli::progress::bar;
+use crate::cli::progress::Watch;
 use crate::cli::{Caller, INTERRUPTED, settings};
 use crate::errors::OrRaise;
 use crate::factory::TableFactory;
@@ -43,12 +40,14 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     if !arguments.json {
         note!("{}", describe(arguments, &wanted, &factory));
     }
-    let mut display = Display::new(arguments, &wanted, &factory, caller.watch()?);
+    let watch = Watch::new(0, arguments.json, caller)?;
+    let steps = factory.space().classes().len() * wanted.timesteps;
+    let mut display = Display { watch, out: &arguments.out, steps, begun: None };
     let start = Instant::now();
-    let collected = pool
-        .run(py, || collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display))
-        .inspect_err(|_| display.bar.finish_and_clear())?;
-    display.bar.finish_and_clear();
+    let collected =
+        pool.run(py, || collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display));
+    display.watch.finish();
+    let collected = collected?;
     let seconds = start.elapsed().as_secs_f64();
     let (out, rollouts) = (arguments.out.display(), collected.rollouts);
     if arguments.json {
@@ -116,36 +115,22 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
     )
 }
 
-/// Shows progress, looks at the room on the disk and passes Ctrl-C on.
-struct Display {
-    bar: ProgressBar,
-    out: PathBuf,
-    interrupted: Arc<AtomicBool>,
+/// Shows progress, and looks at the room on the disk.
+struct Display<'a> {
+    watch: Watch<'a>,
+    out: &'a Path,
     /// Recorded steps a rollout.
     steps: usize,
     begun: Option<(usize, Instant)>,
 }
 
-impl Display {
-    fn new(
-        arguments: &CollectArgs,
-        wanted: &CollectConfig,
-        factory: &TableFactory,
-        interrupted: Arc<AtomicBool>,
-    ) -> Self {
-        let bar = bar(0, !arguments.json);
-        let steps = factory.space().classes().len() * wanted.timesteps;
-        Self { bar, out: arguments.out.clone(), interrupted, steps, begun: None }
-    }
-}
-
-impl CollectObserver for Display {
+impl CollectObserver for Display<'_> {
     fn begin(&mut self, missing: usize, bytes: u64) -> Result<()> {
         self.begun = Some((missing, Instant::now()));
-        let Some(free) = free_space(&self.out).filter(|&free| free < bytes) else { return Ok(()) };
+        let Some(free) = free_space(self.out).filter(|&free| free < bytes) else { return Ok(()) };
         let gigabytes = |bytes: u64| bytes as f64 / 1e9;
         Err(FileKind::Dataset.unusable(
-            &self.out,
+            self.out,
             format!(
                 "{missing} rollouts take {:.1} GB, but only {:.1} GB are free; make room, choose another disk, or collect fewer",
                 gigabytes(bytes),
@@ -155,17 +140,17 @@ impl CollectObserver for Display {
     }
 
     fn collected(&mut self, done: usize, total: usize) {
-        self.bar.set_length(total as u64);
-        self.bar.set_position(done as u64);
+        self.watch.set_length(total as u64);
         if let Some((missing, start)) = self.begun {
             let steps = (done + missing).saturating_sub(total) * self.steps;
             let rate = steps as f64 / start.elapsed().as_secs_f64() / 1000.0;
-            self.bar.set_message(format!("rollout {done}/{total} · {rate:.0} k recorded steps/s"));
+            let message = format!("rollout {done}/{total} · {rate:.0} k recorded steps/s");
+            self.watch.step(done as u64, message);
         }
     }
 
     fn should_stop(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.watch.is_interrupted()
     }
 }
 

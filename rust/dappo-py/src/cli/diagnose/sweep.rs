@@ -108,7 +108,7 @@ fn commands(
     for (out, rollouts, seed) in [(pairs, most(&grid.rollouts), "0"), (test, test_rollouts, TEST_SEED)] {
         let mut collect = words(&[&"diagnose", &"collect", &expert, &"--out", &out]);
         collect.extend(words(&[&"--rollouts", &rollouts, &"--timesteps", &steps]));
-        collect.extend(words(&[&"--seed", &seed, &"--threads", &jobs]));
+        collect.extend(words(&[&"--seed", &seed, &"--threads", &jobs, &"--preset", &"paper"]));
         commands.push([collect, changed.clone()].concat());
     }
     commands

@@ -3,16 +3,14 @@
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
-use dappo_diagnose::DiagnosisSummary;
-use dappo_diagnose::evaluate::{Evaluated, Follower, evaluate};
+use dappo_diagnose::evaluate::{Follower, evaluate, text};
 use dappo_learn::RunPolicy;
 use dappo_learn::config::Config;
 use dappo_nn::Policy;
 use pyo3::prelude::*;
 
 use crate::cli::args::{Count, TestDiagnoserArgs, Threads};
-use crate::cli::console::{Table, print_line};
-use crate::cli::{Caller, INTERRUPTED};
+use crate::cli::{Caller, INTERRUPTED, console};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
@@ -32,12 +30,8 @@ pub fn run(py: Python<'_>, arguments: &TestDiagnoserArgs, caller: &Caller) -> Py
     let Some(evaluated) = evaluated else { return Ok(INTERRUPTED) };
     if arguments.json {
         caller.object(&evaluated);
-    } else if let [only] = evaluated.as_slice() {
-        show_classes(only);
-        show_summary(only);
     } else {
-        evaluated.iter().for_each(show_summary);
-        show_cross_table(&evaluated, arguments.data.len());
+        console::print(&text(&evaluated, arguments.data.len()));
     }
     Ok(0)
 }
@@ -72,65 +66,4 @@ fn open_follower(
     let factory = TableFactory::compile(py, &config)?;
     let RunPolicy { policy, .. } = pool.run(py, || RunPolicy::newest(&folder, &config, &factory))?;
     Ok((policy, config, factory))
-}
-
-fn show_classes(evaluated: &Evaluated) {
-    let mut table = Table::new(&["accuracy %", "<class"]);
-    for (name, accuracy) in evaluated.classes.iter().zip(&evaluated.class_accuracy) {
-        table.row([format!("{:.2}", 100.0 * accuracy), name.clone()]);
-    }
-    table.print();
-}
-
-fn show_summary(evaluated: &Evaluated) {
-    let DiagnosisSummary {
-        rollouts,
-        windows,
-        accuracy,
-        standard_error,
-        held_out_accuracy,
-        calibration_error,
-        ..
-    } = evaluated.summary;
-    let error =
-        if standard_error.is_nan() { String::new() } else { format!(" ± {:.2}", 100.0 * standard_error) };
-    print_line!("{} on {}", evaluated.model, evaluated.data);
-    print_line!(
-        "  accuracy {:.2}{error} % of {windows} windows, {rollouts} rollouts; calibration error {:.2} %",
-        100.0 * accuracy,
-        100.0 * calibration_error
-    );
-    if let Some(accuracy) = held_out_accuracy {
-        print_line!("  on classes that it was not trained on: {:.2} %", 100.0 * accuracy);
-    }
-    if let Some(cost) = &evaluated.cost {
-        print_line!(
-            "  forward reward of the policy: {:.1} told the truth, {:.1} told the diagnosis: gait-equivalent accuracy {:.2} %",
-            cost.true_reward,
-            cost.diagnosed_reward,
-            100.0 * cost.gait_equivalent_accuracy
-        );
-        for mistake in cost.mistakes.iter().take(3) {
-            print_line!(
-                "    {:.1} % of {} are called {}, which changes the reward from {:.0} to {:.0}",
-                100.0 * mistake.share,
-                mistake.class,
-                mistake.named,
-                mistake.true_reward,
-                mistake.mistaken_reward
-            );
-        }
-    }
-}
-
-/// Accuracies in per cent: a row a diagnoser, a column a dataset.
-fn show_cross_table(evaluated: &[Evaluated], datasets: usize) {
-    print_line!("accuracy %");
-    for row in evaluated.chunks(datasets) {
-        let cells: Vec<String> =
-            row.iter().map(|evaluated| format!("{:>8.2}", 100.0 * evaluated.summary.accuracy)).collect();
-        print_line!("{}  {}", cells.concat(), row[0].model);
-    }
-    let names: Vec<&str> = evaluated[..datasets].iter().map(|evaluated| evaluated.data.as_str()).collect();
-    print_line!("columns: {}", names.join(", "));
 }

@@ -1,22 +1,19 @@
 //! `dappo-batch diagnose train`.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
 use dappo_diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, TrainingFolder};
+use dappo_learn::config::Assignment;
 use dappo_learn::robot_files::keep;
 use dappo_learn::{LearnError, Result};
-use indicatif::ProgressBar;
 use pyo3::prelude::*;
 
-use crate::cli::args::{Count, Threads, TrainDiagnoserArgs};
+use crate::cli::args::{Threads, TrainDiagnoserArgs};
 use crate::cli::console::{note, print_line};
-use crate::cli::progress::bar;
-use crate::cli::settings::flags;
+use crate::cli::progress::Watch;
 use crate::cli::{Caller, INTERRUPTED};
 use crate::errors::OrRaise;
+use crate::keywords::Flags;
 use crate::pool::Pool;
 use crate::run_robot::RobotCopy;
 
@@ -38,7 +35,8 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
     if !arguments.json {
         note!("{}", describe(&config, &data, &folder));
     }
-    let mut display = Display::new(&config, arguments.json.then_some(caller), caller.watch()?);
+    let watch = Watch::new(1000 * config.epochs as u64, arguments.json, caller)?;
+    let mut display = Display { watch, last: String::new() };
     let resume = arguments.resume.is_some();
     let outcome = pool.run(py, || -> Result<_> {
         let outcome = train(&config, subject, &data, &folder, resume, &mut display)?;
@@ -48,7 +46,7 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
         }
         Ok(outcome)
     });
-    display.bar.finish_and_clear();
+    display.watch.finish();
     let outcome = outcome?;
     let root = folder.root().display();
     if outcome.interrupted {
@@ -81,15 +79,11 @@ fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(LockedTrainin
     let subject = &data.header().subject;
     let class = |name: &String| subject.class(name).map(|class| toml::Value::from(class as i64));
     let held_out: Vec<_> = arguments.held_out.iter().map(class).collect::<Result<_>>()?;
-    let mut settings = flags([
-        ("timesteps", Some(arguments.timesteps.map_or(data.timesteps() as i64, Count::get).into())),
-        ("rollouts", arguments.rollouts.map(|rollouts| rollouts.get().into())),
-        ("seed", arguments.seed.map(|seed| seed.get().into())),
-        ("method", arguments.method.as_deref().map(Into::into)),
-        ("head", arguments.head.as_deref().map(Into::into)),
-        ("held_out", (!held_out.is_empty()).then_some(held_out.into())),
-    ]);
-    settings.extend_from_slice(&arguments.set);
+    let of_data = [
+        Assignment::Value("timesteps".into(), (data.timesteps() as i64).into()),
+        Assignment::Value("held_out".into(), held_out.into()),
+    ];
+    let settings = [&of_data[..], &arguments.flags(), &arguments.set].concat();
     let config = DiagnoserConfig::with(&settings)?;
     config.check_source(data, subject)?;
     let Some(out) = &arguments.out else {
@@ -112,53 +106,36 @@ fn describe(config: &DiagnoserConfig, data: &Dataset, folder: &TrainingFolder) -
     )
 }
 
-/// Shows epochs and passes Ctrl-C on.
+/// Shows epochs.
 struct Display<'a> {
-    bar: ProgressBar,
-    /// Gets one object an epoch, instead of a person a progress bar.
-    objects: Option<&'a Caller>,
-    interrupted: Arc<AtomicBool>,
+    watch: Watch<'a>,
     last: String,
-}
-
-impl<'a> Display<'a> {
-    fn new(config: &DiagnoserConfig, objects: Option<&'a Caller>, interrupted: Arc<AtomicBool>) -> Self {
-        let bar = bar(1000 * config.epochs as u64, objects.is_none());
-        Self { bar, objects, interrupted, last: String::new() }
-    }
 }
 
 impl Observer for Display<'_> {
     fn progress(&mut self, progress: &EpochProgress) {
         let EpochProgress { epoch, epochs, samples, samples_per_epoch, samples_per_second, train_loss } =
             progress;
-        self.bar.set_position(1000 * (epoch - 1) + 1000 * samples / samples_per_epoch);
-        let rate = samples_per_second / 1000.0;
-        self.bar.set_message(format!(
-            "epoch {epoch}/{epochs} · loss {train_loss:.3} · {rate:.1} k samples/s{}",
+        let (rate, last) = (samples_per_second / 1000.0, &self.last);
+        let message = format!("epoch {epoch}/{epochs} · loss {train_loss:.3} · {rate:.1} k samples/s{last}");
+        self.watch.step(1000 * (epoch - 1) + 1000 * samples / samples_per_epoch, message);
+    }
+
+    fn epoch(&mut self, metrics: &EpochMetrics) {
+        if self.watch.object(metrics) {
+            return;
+        }
+        self.last = format!(" · validated {:.2} %", 100.0 * metrics.validation_accuracy);
+        self.watch.line(&format!(
+            "epoch {} · loss {:.3} · {:.1} k samples/s{}",
+            metrics.epoch,
+            metrics.train_loss,
+            metrics.samples_per_second / 1000.0,
             self.last
         ));
     }
 
-    fn epoch(&mut self, metrics: &EpochMetrics) {
-        if let Some(caller) = self.objects {
-            caller.object(metrics);
-            return;
-        }
-        self.last = format!(" · validated {:.2} %", 100.0 * metrics.validation_accuracy);
-        if self.bar.is_hidden() {
-            // Not a terminal: one line an epoch.
-            note!(
-                "epoch {} · loss {:.3} · {:.1} k samples/s{}",
-                metrics.epoch,
-                metrics.train_loss,
-                metrics.samples_per_second / 1000.0,
-                self.last
-            );
-        }
-    }
-
     fn should_stop(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.watch.is_interrupted()
     }
 }

@@ -1,13 +1,12 @@
 //! `dappo-batch evaluate`, and the evaluation at the end of a training.
 
 mod runs;
-mod show;
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use dappo_learn::config::Config;
-use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate};
-use dappo_learn::run_folder::RunFolder;
+use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate, seeds_text};
+use dappo_learn::run_folder::EvaluationFolder;
 use dappo_learn::walk::Encoding;
 use dappo_nn::Policy;
 use pyo3::prelude::*;
@@ -19,12 +18,12 @@ use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
 use runs::LoadedRun;
-pub use show::show;
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
     let encoding = arguments.encoding.get();
     let pool = Pool::new(arguments.simulation.threads())?;
     let interrupted = caller.watch()?;
+    let stop = || interrupted.load(Ordering::Relaxed);
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
     let runs = runs::load(py, &pool, arguments, &arguments.runs, encoding, None)?;
     let others = runs::load(py, &pool, arguments, &arguments.compare, Encoding::True, runs.first())?;
@@ -33,16 +32,16 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     }
     let several = runs.len() + others.len() > 1;
     let evaluate = |runs: &[LoadedRun], encoding| {
-        evaluate_all(py, &pool, runs, encoding, &interrupted, |run, evaluation| {
+        evaluate_all(py, &pool, runs, encoding, &stop, |run, evaluation| {
             if arguments.json {
                 return;
             }
             if several {
                 // The tables of many runs would hide their comparison; each run folder holds its own.
                 console::write_line(&run.heading());
-                show::groups(evaluation);
+                console::print(&evaluation.group_text());
             } else {
-                show(evaluation);
+                console::print(&evaluation.text());
             }
         })
     };
@@ -53,15 +52,16 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     } else {
         let seed = runs[0].config.evaluation.seed;
         let comparison = Comparison::new(&evaluations, &other_evaluations, seed);
-        let comparison = comparison.and_then(|found| found.write(&runs[0].folder, encoding).map(|()| found));
+        let folder = runs[0].folder.evaluation_with(&runs[0].config).or_raise()?;
+        let comparison = comparison.and_then(|found| found.write(&folder, encoding).map(|()| found));
         Some(comparison.or_raise()?)
     };
     if arguments.json {
         caller.object(&json!({ "runs": evaluations, "others": other_evaluations, "comparison": comparison }));
     } else if let Some(comparison) = comparison {
-        show::comparison(&comparison.summary);
+        console::print(&comparison.summary.text());
     } else if several {
-        show::seeds(&evaluations);
+        console::print(&seeds_text(&evaluations));
     }
     Ok(0)
 }
@@ -72,13 +72,14 @@ fn evaluate_all(
     pool: &Pool,
     runs: &[LoadedRun],
     encoding: Encoding,
-    interrupted: &AtomicBool,
+    stop: &(dyn Fn() -> bool + Sync),
     report: impl Fn(&LoadedRun, &Evaluation),
 ) -> PyResult<Option<Vec<RunEvaluation>>> {
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
         let evaluation = pool.run(py, || {
-            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &run.folder, interrupted)
+            let folder = run.folder.evaluation_with(&run.config)?;
+            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &folder, stop)
         })?;
         let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
@@ -88,18 +89,18 @@ fn evaluate_all(
     Ok(Some(evaluations))
 }
 
-/// Evaluates a policy and writes its tables into `eval/`; `None` when it was interrupted.
+/// Evaluates a policy and writes what was found into a folder; `None` when it was interrupted.
 pub fn evaluate_and_save(
     policy: &Policy,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,
-    run: &RunFolder,
-    interrupted: &AtomicBool,
+    folder: &EvaluationFolder,
+    stop: &dyn Fn() -> bool,
 ) -> dappo_learn::Result<Option<Evaluation>> {
-    let evaluation = evaluate(policy, config, encoding, factory, &|| interrupted.load(Ordering::Relaxed))?;
+    let evaluation = evaluate(policy, config, encoding, factory, stop)?;
     if let Some(evaluation) = &evaluation {
-        evaluation.write(run)?;
+        evaluation.write(folder)?;
     }
     Ok(evaluation)
 }

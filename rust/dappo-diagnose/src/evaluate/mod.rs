@@ -1,16 +1,20 @@
 //! Trained diagnosers on records that they have not seen.
 
+mod text;
+
 use std::path::{Path, PathBuf};
 
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
-use dappo_learn::evaluate::MeanActions;
+use dappo_learn::walk::MeanActions;
 use serde::Serialize;
 
 use crate::cost::{Cost, cost};
 use crate::dataset::Dataset;
 use crate::{Diagnoser, DiagnosisSummary, PairSource, TrainingFolder};
+
+pub use text::text;
 
 /// A diagnoser on a dataset.
 #[derive(Debug, Clone, PartialEq, Serialize)]

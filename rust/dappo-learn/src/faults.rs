@@ -1,8 +1,6 @@
-//! All that is wrong with a configuration, so that it can be mended in one go.
+//! All that is wrong with some settings, so that it can be mended in one go.
 
 use std::fmt::{self, Display};
-
-use crate::error::{LearnError, Result};
 
 /// Something wrong with a setting.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,7 +14,7 @@ pub struct Fault {
 }
 
 /// A collection of faults, filled by rules.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, thiserror::Error)]
 pub struct Faults {
     found: Vec<Fault>,
     /// What comes before the keys of the rules.
@@ -29,6 +27,17 @@ impl Display for Fault {
             Some(source) => write!(f, "{source}: {}", self.text),
             None => f.write_str(&self.text),
         }
+    }
+}
+
+/// One fault as a sentence, several as a list.
+impl Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let [only] = self.found.as_slice() {
+            return only.fmt(f);
+        }
+        write!(f, "{} settings cannot be used:", self.found.len())?;
+        self.found.iter().try_for_each(|fault| write!(f, "\n  {fault}"))
     }
 }
 
@@ -81,29 +90,20 @@ impl Faults {
     }
 
     /// Adds those of `others` that are no consequence of what is known.
-    pub(super) fn extend(&mut self, others: Self) {
+    pub(crate) fn extend(&mut self, others: Self) {
         let new: Vec<Fault> = others.found.into_iter().filter(|fault| !self.concern(&fault.key)).collect();
         self.found.extend(new);
     }
 
     /// Says of every fault where it comes from.
-    pub(super) fn locate(&mut self, source: impl Fn(&str) -> Option<String>) {
+    pub(crate) fn locate(&mut self, source: impl Fn(&str) -> Option<String>) {
         for fault in &mut self.found {
             fault.source = source(&fault.key);
         }
     }
 
     /// Fails with all faults, if there are any.
-    pub fn end(self) -> Result<()> {
-        if self.found.is_empty() { Ok(()) } else { Err(LearnError::Settings(self.found)) }
+    pub fn end(self) -> Result<(), Self> {
+        if self.found.is_empty() { Ok(()) } else { Err(self) }
     }
-}
-
-/// One fault as a sentence, several as a list.
-pub fn describe(faults: &[Fault]) -> String {
-    if let [only] = faults {
-        return only.to_string();
-    }
-    let lines: Vec<String> = faults.iter().map(|fault| format!("\n  {fault}")).collect();
-    format!("{} settings cannot be used:{}", faults.len(), lines.concat())
 }

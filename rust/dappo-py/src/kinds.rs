@@ -4,12 +4,14 @@ use std::fmt;
 use std::ops::Deref;
 use std::str::FromStr;
 
+use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TryMapValueParser, TypedValueParser, ValueParserFactory};
 use dappo_learn::config::MOST_THREADS;
+use pyo3::prelude::*;
 use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// A whole number between two bounds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoPyObjectRef)]
 pub struct Whole<const MIN: i64, const MAX: i64>(i64);
 
 /// A number of things that are counted with 31 bits.
@@ -47,6 +49,12 @@ impl<const MIN: i64, const MAX: i64> TryFrom<i64> for Whole<MIN, MAX> {
         } else {
             Err(format!("expected a whole number of at least {MIN} and at most {MAX}"))
         }
+    }
+}
+
+impl<const MIN: i64, const MAX: i64> From<Whole<MIN, MAX>> for toml::Value {
+    fn from(number: Whole<MIN, MAX>) -> Self {
+        number.0.into()
     }
 }
 
@@ -91,6 +99,12 @@ impl<T: Named> Deref for OneOf<T> {
     }
 }
 
+impl<T: Named> From<OneOf<T>> for toml::Value {
+    fn from(chosen: OneOf<T>) -> Self {
+        Self::from(&*chosen)
+    }
+}
+
 impl<T: Named> FromStr for OneOf<T> {
     type Err = String;
 
@@ -115,4 +129,23 @@ pub enum Integrator {
     Rk4,
     /// Semi-implicit Euler.
     Euler,
+}
+
+/// What to do where a robot file has changed since the training; without it, a command stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum RobotChanged {
+    /// Go on with the robot as the run has it
+    UseRun,
+    /// Go on with the robot file as it is now
+    UseFile,
+}
+
+impl RobotChanged {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::UseRun => "use-run",
+            Self::UseFile => "use-file",
+        }
+    }
 }

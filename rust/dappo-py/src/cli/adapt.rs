@@ -1,7 +1,5 @@
 //! `dappo-batch adapt`.
 
-mod show;
-
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dappo_diagnose::adapt::{AdaptationSummary, Contest, trace};
@@ -18,7 +16,7 @@ use serde_json::json;
 
 use super::args::AdaptArgs;
 use super::film::{self, Film, Walker};
-use super::{Caller, INTERRUPTED, settings};
+use super::{Caller, INTERRUPTED, console, settings};
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::pool::Pool;
@@ -42,7 +40,7 @@ struct Scene {
 pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
     let wanted = arguments.controller.config().or_raise()?;
     if let Some(path) = &arguments.video {
-        film::check(py, path)?;
+        film::check(py, path, None)?;
     }
     let pool = Pool::new(arguments.simulation.threads())?;
     let scene = Scene::open(py, arguments)?;
@@ -60,13 +58,13 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
         caller.object(&json!({ "trial": trial_json(&trial), "summary": summary, "events": events }));
     } else {
         let period = scene.real.control_period();
-        show::show(&summary, &contest, &trial, &scene.classes.known_names, period);
+        console::print(&summary.text(&trial, &scene.classes, &contest, period));
     }
     // Last, so that nothing is lost where nothing can be drawn.
     if let (Some(path), Some(episode)) = (&arguments.video, contest.adapted.episodes.first()) {
         let walker = Walker::Controller(scene.classes.known_names.clone());
         let film = Film { episode, walker, factory: &scene.real };
-        film.write(py, path, caller)?;
+        film.write(py, path, None, caller)?;
     }
     Ok(0)
 }
