@@ -112,7 +112,8 @@ def test_evaluations_during_a_training_do_not_change_it_and_the_last_one_is_that
     settings = ("--backend", backend, "--steps", str(STEPS), *TINY, "evaluation.every=4")
     dappo_batch("train", "--run", run, *settings)
     evaluated = ("evaluation_forward_reward", "evaluation_forward_velocity", "evaluation_fall_rate")
-    found = [[line.pop(key) for key in evaluated] for line in (lines := metrics(run))]
+    lines = metrics(run)
+    found = [[line.pop(key) for key in evaluated] for line in lines]
     before = metrics(finished[0])
     for line in before:
         assert [line.pop(key) for key in evaluated] == [None] * 3
