@@ -102,7 +102,7 @@ def test_a_gif_has_the_pictures_in_their_order_at_their_times_and_repeats(tmp_pa
 
 
 @pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (4, 1, 4), (5, 2, 3), (12, 3, 4)])
-def test_a_png_has_all_pictures_to_the_bit_in_rows(
+def test_a_png_has_bit_identical_pictures_in_rows(
     count: int, rows: int, columns: int, tmp_path: Path
 ) -> None:
     path = tmp_path / "picture.png"
@@ -228,7 +228,7 @@ def test_where_no_opengl_works_each_one_that_was_tried_is_named_with_its_reason_
     assert "dappo-batch doctor" in message
 
 
-def test_an_opengl_that_gives_up_in_between_is_an_error_and_no_shorter_film(
+def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
     walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"

@@ -97,7 +97,7 @@ def test_an_event_that_is_none_is_refused(table: ClassTable, odd: Any, message: 
     assert Walk(table, states(table, 3), events=[event(1, "adapted", **{"class": 2})], known_names=NAMES)
 
 
-def test_the_caption_names_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(
+def test_the_caption_shows_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(
     table: ClassTable,
 ) -> None:
     dt = table.models[0].opt.timestep * table.robot.spec["frame_skip"]

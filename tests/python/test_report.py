@@ -189,7 +189,7 @@ def test_rewards_are_also_given_as_speeds_and_distances(folder: Path) -> None:
     assert page.flags == []
 
 
-def test_the_legend_says_what_each_short_name_is(folder: Path) -> None:
+def test_the_legend_explains_each_short_name(folder: Path) -> None:
     rows = Page(folder / "report.html").table("run", "folder")
     assert [row["run"] for row in rows] == ["aware0", "aware1", "unaware0", "unaware1"]
     for row in rows:
@@ -349,7 +349,9 @@ def test_film_strips_show_moments_of_an_episode(trained: Path, tmp_path: Path) -
     assert states[-1, 0] - states[0, 0] == pytest.approx(0.05 * velocities.sum(), abs=1e-6)
 
 
-def test_where_nothing_can_be_drawn_a_note_says_why(trained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_drawn_a_note_has_the_reason(
+    trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("dappo_batch.render.opengl.PAINTER", ("-c", "raise SystemExit('no driver')"))
     (note,) = strips.strips(learners([load_run(trained)]))
     assert isinstance(note, Note)
@@ -359,7 +361,7 @@ def test_where_nothing_can_be_drawn_a_note_says_why(trained: Path, monkeypatch: 
     assert "ant: film strips" not in titles
 
 
-def test_a_path_that_is_nothing_known_is_named_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
+def test_an_unknown_kind_of_path_is_in_the_error_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
     foreign, young = tmp_path / "foreign.csv", tmp_path / "young"
     foreign.write_text("a,b\n1,2\n")
     write_run(young, forward_rewards=[])
@@ -417,7 +419,7 @@ def test_a_failure_in_writing_keeps_the_old_page(folder: Path, tmp_path: Path) -
     assert files(tmp_path) == {"report.html": b"old"}
 
 
-def test_without_matplotlib_the_message_says_what_to_install(
+def test_without_matplotlib_the_message_contains_what_to_install(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
