@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
-import shlex
 import shutil
 import sys
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import unquote
 
 import pytest
 
 import dappo_batch as package
 
-from .. import processes
 from .command_line import dappo_batch
+from .pages import FENCE, ROOT, blocks, name_of, run, run_line
 
-ROOT = Path(__file__).resolve().parents[2]
 FRAME = {ROOT / "docs" / name for name in ("index.md", "api.md")}  # speak to the generator of the site alone
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "kernels/README.md")),
@@ -35,13 +31,12 @@ SLOW = {
     "rendering.md",
     "report.md",
     "sweeps.md",
+    "tutorial.md",
     "diagnose_log.py",
     "train_with_callback.py",
     "own_damage.py",
 }
-SECONDS = 240  # far more than any block needs: only a hang is cut off
 
-FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)|<img[^>]*\ssrc=\"([^\"]+)\"")
 DOTTED = re.compile(r"\bdappo_batch(?:\.\w+)+")
 IMPORTED = re.compile(r"^ *from (dappo_batch[\w.]*) import (?:\(([^)]*)\)|([\w, ]+))", re.MULTILINE)
@@ -64,31 +59,9 @@ SMALL_TRAINING = (
 )
 
 
-class Block(NamedTuple):
-    """A fenced block of a page."""
-
-    language: str
-    runnable: bool
-    text: str
-
-
-def name_of(path: Path) -> str:
-    return str(path.relative_to(ROOT))
-
-
 def marked(path: Path) -> object:
     """Return a page or an example as a parameter, with the mark of those that take long."""
     return pytest.param(path, marks=[pytest.mark.slow] if path.name in SLOW else [])
-
-
-def blocks(page: Path) -> list[Block]:
-    found = []
-    for info, text in FENCE.findall(page.read_text(encoding="utf-8")):
-        words = info.split()
-        assert words, f"{name_of(page)}: a fenced block names no language"
-        assert set(words[1:]) <= {"runnable"}, f"{name_of(page)}: unknown mark in ```{info}"
-        found.append(Block(words[0], "runnable" in words, text))
-    return found
 
 
 def prose(page: Path) -> str:
@@ -162,10 +135,8 @@ def shrunk(line: str) -> str:
     if line.startswith("dappo-batch train"):
         if "--resume" in line:
             return re.sub(r"--steps \S+", "--steps 256", line)
-        line = re.sub(r"--steps \S+", "--steps 128", line)
-        if "--envs" not in line:
-            line += " --envs 4"
-        return f"{line} {SMALL_TRAINING}"
+        line = re.sub(r" --(steps|envs) \S+", "", line)
+        return f"{line} --steps 128 --envs 4 {SMALL_TRAINING}"
     if line.startswith("dappo-batch render"):
         return f"{line} --steps 20"
     if line.startswith("dappo-batch diagnose train"):
@@ -179,25 +150,6 @@ def workplace(tmp_path: Path) -> Path:
     for name in ("configs", "docs", "tests", "Makefile"):
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
-
-
-def run(command: list[str], folder: Path) -> str:
-    environment = os.environ | {
-        # `python` and `dappo-batch` are those of the interpreter that runs the tests.
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONWARNINGS": "error",
-    }
-    done = processes.run(command, cwd=folder, env=environment, timeout=SECONDS)
-    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-    return done.stdout
-
-
-def run_line(line: str, folder: Path) -> None:
-    """Run a command of this package in this process, and what needs a shell in one."""
-    if line.startswith("dappo-batch ") and not set("|;&<>$*?#\\`(") & set(line):
-        dappo_batch(*shlex.split(line)[1:], cwd=folder)
-    else:
-        run(["bash", "-euo", "pipefail", "-c", line], folder)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -271,7 +223,9 @@ def test_the_runnable_blocks_of_a_page_run_from_top_to_bottom(
     if page.name == "rendering.md":
         request.getfixturevalue("opengl")
     for block in blocks(page):
-        if block.runnable and block.language == "python":
+        if block.file is not None:
+            (workplace / block.file).write_text(block.text, encoding="utf-8")
+        elif block.runnable and block.language == "python":
             run([sys.executable, "-c", block.text], workplace)
         elif block.runnable:
             assert block.language == "sh"
