@@ -48,7 +48,9 @@ def test_a_run_of_an_earlier_version_resumes(tmp_path: Path) -> None:
                 assert value == pytest.approx(whole[key], rel=1e-3), key
     with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["iteration"]) for row in rows] == [line["iteration"] for line in metrics(tmp_path / "run")]
+    assert [int(row["iteration"]) for row in rows] == [
+        line["iteration"] for line in metrics(tmp_path / "run")
+    ]
 
 
 def test_an_export_of_the_run_and_the_diagnoser_is_that_of_the_earlier_version(tmp_path: Path) -> None:
