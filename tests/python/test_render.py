@@ -147,7 +147,7 @@ def test_where_nothing_can_be_drawn_the_numbers_are_printed_and_written_first(
     out, err = run(*adapt(parts, "--json", "--video", video, "--log", log), code=1)
     assert json.loads(out)["summary"]["classes"][0]["name"] == "missing_toe@1"
     assert log.read_text().startswith("step,")
-    assert "error: pictures need OpenGL, and none works here (disable:" in err
+    assert "error: pictures need OpenGL, and no implementation works (disable:" in err
     assert [file.name for file in tmp_path.iterdir()] == ["trace.csv"]
 
 

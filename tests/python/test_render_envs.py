@@ -138,6 +138,6 @@ def test_an_opengl_that_fails_in_between_is_an_error(monkeypatch: pytest.MonkeyP
     env = DamageEnv("ant", max_damaged_limbs=1, render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render() is not None
-    with pytest.raises(RenderError, match="egl gave up in between: crash"):
+    with pytest.raises(RenderError, match="egl failed while drawing: crash"):
         env.render()
     env.close()

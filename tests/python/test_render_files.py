@@ -19,7 +19,7 @@ from dappo_batch import ConfigError, DappoError, MissingExtraError, render
 from dappo_batch.render import RenderError, Walk, encoders, film, opengl
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
-from dappo_batch.render.scene import RED, become, painted
+from dappo_batch.render.scene import RED, copy_class, painted
 from dappo_batch.render.scenery import with_scenery
 
 Picture = NDArray[np.uint8]
@@ -160,14 +160,14 @@ def test_a_film_that_fails_halfway_leaves_the_older_one_as_it_was(
 ) -> None:
     def breaking(_: object) -> Iterator[Picture]:
         yield from itertools.islice(canned(_), 2)
-        raise RenderError("gave up")
+        raise RenderError("failed")
 
     path = tmp_path / "film.mp4"
     monkeypatch.setattr(film, "draw", canned)
     assert render.write(path, walk) == 5
     before = path.read_bytes()
     monkeypatch.setattr(film, "draw", breaking)
-    with pytest.raises(RenderError, match="gave up"):
+    with pytest.raises(RenderError, match="failed"):
         render.write(path, walk)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
@@ -234,7 +234,7 @@ def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
     picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"
     monkeypatch.setattr(opengl, "choices", lambda: ["egl"])
     monkeypatch.setattr(opengl, "PAINTER", ("-c", f"import sys; {picture}; sys.exit('crash')"))
-    with pytest.raises(RenderError, match="egl gave up after 1 pictures: crash"):
+    with pytest.raises(RenderError, match="egl failed after 1 pictures: crash"):
         list(render.frames(walk, [0, 1]))
 
 
@@ -253,7 +253,7 @@ def test_a_window_without_a_screen_is_refused_with_what_works_instead(
 def test_a_window_shows_the_body_of_the_damaged_robot_as_well_as_its_colours(walk: Walk) -> None:
     scenery, parse = with_scenery(walk.table), walk.table.space.parse
     healthy, damaged = (painted(walk.table, parse(name), scenery) for name in (0, walk.damage))
-    become(healthy, damaged)
+    copy_class(healthy, damaged)
     toe = healthy.geom(walk.table.robot.limbs[0].toe_geom)
     np.testing.assert_array_equal(
         toe.size, walk.table.models[walk.table.space.parse("missing_toe@0")].geom(toe.id).size

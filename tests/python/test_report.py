@@ -279,7 +279,7 @@ def test_groups_are_explained(tmp_path: Path) -> None:
     )
     page = page_of(tmp_path / "page.html", [tmp_path / "run"], "ant: evaluation")
     explained = {row["group"]: row["damage"] for row in page.table("group", "damage")}
-    assert explained == rows | {"all": "all classes, of the same weight"}
+    assert explained == rows | {"all": "all classes, equally weighted"}
 
 
 def test_settings_that_are_too_long_for_a_name_stand_in_a_table(tmp_path: Path) -> None:
@@ -355,7 +355,8 @@ def test_where_nothing_can_be_drawn_a_note_has_the_reason(
     monkeypatch.setattr("dappo_batch.render.opengl.PAINTER", ("-c", "raise SystemExit('no driver')"))
     (note,) = strips.strips(learners([load_run(trained)]))
     assert isinstance(note, Note)
-    assert note.text.startswith("There is no film strip of DA-PPO: pictures need OpenGL, and none works here")
+    reason = "pictures need OpenGL, and no implementation works"
+    assert note.text.startswith(f"There is no film strip of DA-PPO: {reason}")
     with style():
         titles = [section.title for section in sections(read([trained]), with_strips=False)]
     assert "ant: film strips" not in titles

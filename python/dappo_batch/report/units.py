@@ -1,4 +1,4 @@
-"""From forward rewards to metres: how long an env step of a run lasts."""
+"""Duration of an env step, to convert forward rewards to metres."""
 
 from __future__ import annotations
 
