@@ -362,6 +362,15 @@ def test_where_nothing_can_be_drawn_a_note_has_the_reason(
     assert "ant: film strips" not in titles
 
 
+def test_film_strips_can_be_left_out_on_the_command_line(trained: Path, tmp_path: Path) -> None:
+    pages = [tmp_path / "with.html", tmp_path / "without.html"]
+    done = dappo_batch_many(
+        ("report", trained, "--out", pages[0]), ("report", trained, "--out", pages[1], "--no-film-strips")
+    )
+    assert [code for code, _, _ in done] == [0, 0]
+    assert ["ant: film strips" in page.read_text() for page in pages] == [True, False]
+
+
 def test_an_unknown_kind_of_path_is_in_the_error_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
     foreign, young = tmp_path / "foreign.csv", tmp_path / "young"
     foreign.write_text("a,b\n1,2\n")

@@ -104,9 +104,9 @@ def _shown(path: str | PathLike[str]) -> str:
     return fsencode(path).decode(errors="replace")
 
 
-def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str) -> int:
+def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str, film_strips: bool) -> int:
     """Run ``dappo-batch report``, see `write`, and return its exit code."""
-    page, *drawn = write(paths, out, figures=figures, title=title)
+    page, *drawn = write(paths, out, figures=figures, title=title, film_strips=film_strips)
     print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")
     if figures is not None and drawn:
         print(f"{_shown(figures)}: {len(drawn)} files")
