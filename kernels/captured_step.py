@@ -1,7 +1,7 @@
-"""One env step, captured once in a graph and launched T times: policy, physics, reward, ends, resets, record.
+"""One env step, captured once in a graph and launched T times: policy, physics, reward, resets, recording.
 
-A graph fixes which kernels run on which arrays. A step therefore allocates nothing that outlives it, branches
-nowhere on the host, and finds everything that changes (weights, class distribution, counters) in arrays.
+A graph fixes which kernels run on which arrays. A step therefore allocates only temporary arrays, has no
+branches on the host, and reads everything that changes (weights, class distribution, counters) from arrays.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ __all__ = ["CapturedStep"]
 
 
 class CapturedStep:
-    """Collects rollouts with one call of the host each.
+    """Collects a rollout in one call of the host.
 
     Parameters
     ----------
     worlds : Worlds
-        The worlds; capturing leaves them waiting for their first reset.
+        The worlds; after the capture they must be reset.
     policy : Policy
         The policy that acts in them.
     rollout : Rollout
-        Receives what happens.
+        The buffers to fill.
     noise_keys : array of shape [N]
         Random keys of the exploration noise.
     """
@@ -43,31 +43,31 @@ class CapturedStep:
         self.worlds.reset()
         self.rollout.row.zero_()
         self.step()
-        self.rollout.row.zero_()  # should a device run what it captures, it stays inside of the buffers
+        self.rollout.row.zero_()  # in case a device executes while capturing
         with wp.ScopedCapture() as capture:
             self.step()
         self._graph = capture.graph
-        self.worlds.forget_episodes()
+        self.worlds.restart_numbering()
         self.rollout.row.zero_()
         self.rollout.step.zero_()
 
     def step(self) -> None:
-        """Do one step, launch by launch: what the graph holds."""
+        """Launch the kernels of one step, the content of the graph."""
         worlds, policy, rollout = self.worlds, self.policy, self.rollout
         policy.act(worlds.obs, self._noise_keys, rollout.step)
         rollout.record_decision(worlds.obs, policy)
         worlds.step(policy.actions)
-        policy.evaluate(worlds.endings.final_obs, worlds.endings.truncated)
+        policy.evaluate(worlds.episode_ends.final_obs, worlds.episode_ends.truncated)
         rollout.record_outcome(worlds, policy.values)
         rollout.tick()
 
     def collect(self, first_step: int) -> Rollout:
-        """Fill the rollout: T steps from where the worlds stand.
+        """Fill the rollout: T steps from the current states of the worlds.
 
         Parameters
         ----------
         first_step : int
-            Number of the first step in the whole run, so that every (world, step) has noise of its own.
+            Number of the first step in the whole run, so that every (world, step) has different noise.
 
         Returns
         -------
@@ -77,7 +77,7 @@ class CapturedStep:
         Raises
         ------
         PhysicsOverflowError
-            If there was no room for all contacts or constraints.
+            If a buffer was too small for all contacts or constraints.
         FloatingPointError
             If the policy produced an action that is not finite.
         """
@@ -87,8 +87,8 @@ class CapturedStep:
             wp.capture_launch(self._graph)
         self.policy.evaluate(self.worlds.obs)
         wp.copy(self.rollout.last_values, self.policy.values)
-        self.worlds.check_room()
+        self.worlds.raise_on_overflow()
         if count := int(self.worlds.nonfinite_actions.numpy()[0]):
             self.worlds.nonfinite_actions.zero_()
-            raise FloatingPointError(f"the policy's actions hold {count} numbers that are not finite")
+            raise FloatingPointError(f"the policy's actions contain {count} numbers that are not finite")
         return self.rollout

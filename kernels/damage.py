@@ -21,8 +21,9 @@ __all__ = ["DamageFields", "class_rows"]
 
 wp.set_module_options({"enable_backward": False})
 
-# Fields which all worlds share, and why classes may differ in them; touch sites are checked apart.
-_UNREAD = {"dof_length": "read by sleeping alone, which no captured step uses"}
+# Fields that all worlds share and in which classes may differ, with the reason; touch sites are checked
+# separately.
+_UNREAD = {"dof_length": "read only by sleeping, which no captured step uses"}
 _WORD = np.dtype(np.int32)
 _ALIGNMENT = 4  # words; vectors of four floats are then aligned as in an array of their own
 
@@ -44,14 +45,14 @@ def gather_rows(
 
 @dataclass(frozen=True)
 class ClassRows:
-    """What differs among the compiled models, one row of 32-bit words a class.
+    """The entries in which the compiled models differ, one row of 32-bit words a class.
 
     Attributes
     ----------
     words : array of shape [D, W]
-        The rows; floats and integers alike, as their bits.
+        The rows; floats and integers as their bits.
     columns : dict of str to slice
-        Where each field of ``mjw.Model`` lies in a row.
+        The columns of each field of ``mjw.Model``.
     """
 
     words: NDArray[np.int32]
@@ -66,7 +67,7 @@ def class_rows(
     Parameters
     ----------
     model : mjw.Model
-        The healthy model on the device; it gives names, shapes and types of the fields.
+        The healthy model on the device; it defines names, shapes and types of the fields.
     models : sequence of mujoco.MjModel
         The compiled models of all damage classes, [D].
     muted_sites : sequence of frozenset of int
@@ -129,7 +130,7 @@ def _check_shared(name: str, values: list[NDArray[Any]], muted_sites: Sequence[f
         return
     for number, value in enumerate(values):
         entries = np.argwhere(value != values[0])[:, 0]
-        # A touch zone may shrink where its signal is cut off anyway.
+        # The zone of a touch sensor may differ if its signal is not read.
         if name == "site_size" and muted_sites[number].issuperset(entries.tolist()):
             continue
         if entries.size:
@@ -137,10 +138,10 @@ def _check_shared(name: str, values: list[NDArray[Any]], muted_sites: Sequence[f
 
 
 class DamageFields:
-    """The fields of a model that follow each world's damage class.
+    """The fields of a model that depend on each world's damage class.
 
-    They lie side by side in one block of memory, a row a world, and the model's arrays are views of it: one
-    launch changes all fields of all worlds whose class changes.
+    They are stored in one block of memory, a row a world, and the model's arrays are views of it: one launch
+    updates all fields of all worlds whose class changes.
 
     Parameters
     ----------
@@ -150,7 +151,12 @@ class DamageFields:
     rows : ClassRows
         The class table.
     num_worlds : int
-        Number of worlds; all begin healthy.
+        Number of worlds; all are healthy at first.
+
+    Raises
+    ------
+    ValueError
+        If mujoco_warp stores a field in another form than MuJoCo.
     """
 
     def __init__(self, model: mjw.Model, rows: ClassRows, num_worlds: int) -> None:
@@ -161,7 +167,7 @@ class DamageFields:
         for name, columns in rows.columns.items():
             array = getattr(model, name)
             if not np.array_equal(array.numpy().ravel().view(_WORD), rows.words[0, columns]):
-                raise ValueError(f"mujoco_warp keeps {name} in another form than MuJoCo does")
+                raise ValueError(f"mujoco_warp stores {name} in another form than MuJoCo")
             view = wp.array(
                 ptr=self.storage.ptr + columns.start * _WORD.itemsize,
                 dtype=array.dtype,
@@ -172,14 +178,14 @@ class DamageFields:
             setattr(model, name, view)
 
     def gather(self, mask: wp.array[wp.bool], classes: wp.array[wp.int32]) -> None:
-        """Give the selected worlds the model of their class.
+        """Copy the model of their class into the selected worlds.
 
         Parameters
         ----------
         mask : wp.array of shape [N]
             Worlds to change.
         classes : wp.array of shape [N]
-            Damage class in force.
+            Active damage class.
         """
         if self.rows.shape[1]:
             wp.launch(

@@ -1,6 +1,6 @@
 """Rollouts for a learner on the host: weights in, buffers out, one call a rollout.
 
-Rust drives this class (``rust/dappo-py/src/warp``), with arrays of NumPy.
+Rust calls this class (``rust/dappo-py/src/warp``) with NumPy arrays.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ __all__ = ["Engine", "Snapshot"]
 
 
 class Snapshot(NamedTuple):
-    """Everything that the rest of a run depends on."""
+    """The state of an engine between two rollouts."""
 
     rows: NDArray[np.float32]  # [N, row], see `Worlds.read_state`
-    classes: NDArray[np.int32]  # [N], damage classes in force
+    classes: NDArray[np.int32]  # [N], active damage classes
     episodes: NDArray[np.uint64]  # [N, 5]: key, number, step, drawn class, onset
     obs: NDArray[np.float32]  # [N, O]
 
 
 class Engine:
-    """Worlds, policy and rollout buffers on one device, at the start of all first episodes.
+    """Worlds, policy and rollout buffers on one device, with all worlds at the start of their first episode.
 
     Parameters
     ----------
@@ -44,17 +44,17 @@ class Engine:
     hidden : sequence of int
         Hidden layers of both nets.
     cumulative : array of shape [D]
-        Sums of the probabilities of the damage classes.
+        Cumulative probabilities of the damage classes.
     onset : tuple of int
-        First and last step at which damage may strike.
+        First and last step of the onset.
     observe_damage : bool
-        Whether the damage code follows the observation.
+        Whether the damage code is appended to the observation.
     max_episode_steps : int
         Steps after which an episode is truncated.
     nconmax, njmax : int, optional
         As for `Worlds`.
     device : str
-        Name of the device, as Warp has it.
+        Name of the device in Warp, such as ``"cuda:0"``.
     """
 
     def __init__(
@@ -97,23 +97,23 @@ class Engine:
 
     @property
     def diverged(self) -> int:
-        """How often the physics of a world has diverged so far."""
+        """Number of divergences of the physics of a world so far."""
         return int(self._worlds.diverged.numpy()[0])
 
     def set_class_distribution(self, cumulative: NDArray[np.float64]) -> None:
-        """Change the sums of the classes' probabilities [D]; every world's next episode draws from them."""
+        """Set the cumulative probabilities [D] of the classes, from which the next episodes are drawn."""
         self._worlds.draws.cumulative.assign(cumulative)
 
     def assign(
         self, actor: NDArray[np.float32], critic: NDArray[np.float32], log_std: NDArray[np.float32]
     ) -> None:
-        """Take over weights, laid out as `Mlp` describes them, and the log-std [A]."""
+        """Set the weights, in the layout of `Mlp.parameters`, and the log-std [A]."""
         self._policy.assign(actor, critic, log_std)
 
     def assign_transform(
         self, statistics: tuple[NDArray[np.float32], NDArray[np.float32]] | None, code_scale: float
     ) -> None:
-        """Take over the statistics of observations; see `Normalizer.assign`."""
+        """Set the statistics of observations; see `Normalizer.assign`."""
         self._policy.normalizer.assign(statistics, code_scale)
 
     def collect(self, first_step: int) -> dict[str, NDArray[np.generic]]:
@@ -134,7 +134,7 @@ class Engine:
         Raises
         ------
         PhysicsOverflowError
-            If there was no room for all contacts or constraints.
+            If a buffer was too small for all contacts or constraints.
         FloatingPointError
             If the policy produced an action that is not finite.
         """
@@ -164,13 +164,13 @@ class Engine:
         episodes: NDArray[np.uint64],
         obs: NDArray[np.float32],
     ) -> None:
-        """Go back to the parts of a snapshot of an engine of the same sizes."""
+        """Restore the fields of a `Snapshot` of an engine with the same sizes."""
         with wp.ScopedDevice(self.device):
             worlds = self._worlds
             for field, values in zip(self._episode_fields(), episodes.T, strict=True):
                 field.assign(values.astype(field.numpy().dtype))
             worlds.episodes.damage_class.assign(classes)
-            worlds.put_on_classes()
+            worlds.apply_classes()
             worlds.write_state(rows)
             worlds.obs.assign(obs)
 

@@ -1,6 +1,6 @@
-"""Episodes: where every world stands in its own, when its damage strikes, and when it ends.
+"""Episodes: step counters, onsets, and ends by termination or time limit.
 
-The semantics are those of ``rust/dappo-sim/src/vector_env`` in same-step mode.
+The semantics are those of ``rust/dappo-sim/src/vector_env`` in autoreset mode ``same_step``.
 """
 
 from __future__ import annotations
@@ -13,28 +13,29 @@ from numpy.typing import NDArray
 
 from .outcome import Outcome
 
-__all__ = ["BEFORE_THE_FIRST", "Endings", "Episodes", "count_step", "keep_final", "strike"]
+__all__ = ["NOT_STARTED", "EpisodeEnds", "Episodes", "activate_damage", "count_step", "save_final"]
 
 wp.set_module_options({"enable_backward": False})
 
-BEFORE_THE_FIRST = 2**64 - 1  # one less than the first episode, 0, as numbers wrap around
+NOT_STARTED = 2**64 - 1  # episode number before the first, 0: numbers wrap around
 
 
 @wp.kernel
-def strike_kernel(
+def activate_damage_kernel(
     # In:
     step_in: wp.array[wp.int32],
     onset_in: wp.array[wp.int32],
     drawn_class_in: wp.array[wp.int32],
     # Out:
-    struck_out: wp.array[wp.bool],
+    activated_out: wp.array[wp.bool],
     class_out: wp.array[wp.int32],
 ) -> None:
     worldid = wp.tid()
-    # With onset 0 the damage has been there since the reset.
-    struck = onset_in[worldid] > 0 and step_in[worldid] == onset_in[worldid] and drawn_class_in[worldid] != 0
-    struck_out[worldid] = struck
-    if struck:
+    # With onset 0 the damage is active since the reset.
+    onset = onset_in[worldid]
+    activated = onset > 0 and step_in[worldid] == onset and drawn_class_in[worldid] != 0
+    activated_out[worldid] = activated
+    if activated:
         class_out[worldid] = drawn_class_in[worldid]
 
 
@@ -51,7 +52,7 @@ def count_step_kernel(
 ) -> None:
     worldid = wp.tid()
     step = step_in[worldid] + 1
-    # As Gymnasium's TimeLimit: a failure in the last step is both terminated and truncated.
+    # As Gymnasium's TimeLimit: a fall in the last step is both terminated and truncated.
     truncated = step >= max_episode_steps_in[0]
     step_out[worldid] = step
     truncated_out[worldid] = truncated
@@ -59,7 +60,7 @@ def count_step_kernel(
 
 
 @wp.kernel
-def keep_final_kernel(
+def save_final_kernel(
     # In:
     ended_in: wp.array[wp.bool],
     obs_in: wp.array2d[wp.float32],
@@ -89,13 +90,13 @@ class Episodes:
     number : wp.array of shape [N]
         Number of the episode.
     step : wp.array of shape [N]
-        Steps done.
+        Number of completed steps.
     drawn_class : wp.array of shape [N]
-        Damage class of the episode, in force from the onset on.
+        Damage class of the episode, active from the onset on.
     onset : wp.array of shape [N]
         Step at which the damage strikes.
     damage_class : wp.array of shape [N]
-        Damage class in force.
+        Active damage class.
     """
 
     key: wp.array[wp.uint64]
@@ -106,27 +107,27 @@ class Episodes:
     damage_class: wp.array[wp.int32]
 
     @classmethod
-    def before_the_first(cls, keys: NDArray[np.uint64]) -> Episodes:
-        """Return worlds that wait for their first reset."""
+    def unstarted(cls, keys: NDArray[np.uint64]) -> Episodes:
+        """Return the episodes of worlds before their first reset."""
         integers = [wp.zeros(len(keys), dtype=wp.int32) for _ in range(4)]
-        number = wp.full(len(keys), wp.uint64(BEFORE_THE_FIRST), dtype=wp.uint64)
+        number = wp.full(len(keys), wp.uint64(NOT_STARTED), dtype=wp.uint64)
         return cls(wp.array(keys, dtype=wp.uint64), number, *integers)
 
 
 @dataclass
-class Endings:
-    """Which episodes the last step ended, and how they stood then.
+class EpisodeEnds:
+    """The episodes that ended in the last step, and their final values.
 
     Attributes
     ----------
     max_episode_steps : wp.array of shape [1]
         Steps after which an episode is truncated.
     truncated, ended : wp.array of shape [N]
-        Time limits; episodes that ended, be it by failure or at their limit.
+        Whether the episode reached its time limit; whether it ended, by termination or at the limit.
     damage_class, onset : wp.array of shape [N]
-        Damage class in force during the step and onset of its episode, whether this ended or not.
+        Damage class that was active in the step, and onset of the episode; set for every world.
     final_obs : wp.array of shape [N, O]
-        Last observations of ended episodes; rows of others are old.
+        Last observations of ended episodes; rows of running episodes are stale.
     """
 
     max_episode_steps: wp.array[wp.int32]
@@ -137,7 +138,7 @@ class Endings:
     final_obs: wp.array2d[wp.float32]
 
     @classmethod
-    def zeros(cls, num_worlds: int, obs_dim: int, max_episode_steps: int) -> Endings:
+    def zeros(cls, num_worlds: int, obs_dim: int, max_episode_steps: int) -> EpisodeEnds:
         """Return zeros for `num_worlds` worlds."""
         return cls(
             max_episode_steps=wp.array([max_episode_steps], dtype=wp.int32),
@@ -149,31 +150,31 @@ class Endings:
         )
 
 
-def strike(episodes: Episodes, struck: wp.array[wp.bool]) -> None:
-    """Let the damages strike whose step has come, and note in `struck` [N] which."""
+def activate_damage(episodes: Episodes, activated: wp.array[wp.bool]) -> None:
+    """Activate the damage of worlds at their onset, and write to `activated` [N] which worlds these are."""
     wp.launch(
-        strike_kernel,
-        dim=struck.shape,
+        activate_damage_kernel,
+        dim=activated.shape,
         inputs=[episodes.step, episodes.onset, episodes.drawn_class],
-        outputs=[struck, episodes.damage_class],
+        outputs=[activated, episodes.damage_class],
     )
 
 
-def count_step(episodes: Episodes, outcome: Outcome, endings: Endings) -> None:
-    """Count the step that `outcome` judged, and find the episodes that it ended."""
+def count_step(episodes: Episodes, outcome: Outcome, ends: EpisodeEnds) -> None:
+    """Increment the step counters, and set the truncated and ended episodes from `outcome`."""
     wp.launch(
         count_step_kernel,
         dim=episodes.step.shape,
-        inputs=[endings.max_episode_steps, outcome.terminated, episodes.step],
-        outputs=[episodes.step, endings.truncated, endings.ended],
+        inputs=[ends.max_episode_steps, outcome.terminated, episodes.step],
+        outputs=[episodes.step, ends.truncated, ends.ended],
     )
 
 
-def keep_final(episodes: Episodes, obs: wp.array2d[wp.float32], endings: Endings) -> None:
-    """Save what a reset is about to overwrite."""
+def save_final(episodes: Episodes, obs: wp.array2d[wp.float32], ends: EpisodeEnds) -> None:
+    """Save the final observations, classes and onsets before a reset overwrites them."""
     wp.launch(
-        keep_final_kernel,
+        save_final_kernel,
         dim=obs.shape,
-        inputs=[endings.ended, obs, episodes.damage_class, episodes.onset],
-        outputs=[endings.final_obs, endings.damage_class, endings.onset],
+        inputs=[ends.ended, obs, episodes.damage_class, episodes.onset],
+        outputs=[ends.final_obs, ends.damage_class, ends.onset],
     )

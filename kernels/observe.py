@@ -1,4 +1,4 @@
-"""Observations: every entry of the vector names its source, so that one kernel serves all robots.
+"""Observations: every entry has a source, such as an index into ``qpos``; one kernel serves all robots.
 
 The terms are those of the robot TOML, as in ``rust/dappo-sim/src/terms/observation.rs``; the damage code
 follows them where it is observed.
@@ -16,7 +16,7 @@ __all__ = ["Observer"]
 
 wp.set_module_options({"enable_backward": False})
 
-# Where an entry comes from.
+# Sources of entries.
 QPOS = wp.constant(0)
 QVEL = wp.constant(1)
 CFRC_EXT = wp.constant(2)
@@ -72,16 +72,21 @@ class Observer:
     task : Task
         The robot.
     observe_damage : bool
-        Whether the damage code follows the robot's own observation.
+        Whether the damage code is appended to the robot's observation.
 
     Attributes
     ----------
     obs_dim : int
-        Length of an observation, the damage code included.
+        Length of an observation, including the damage code.
     code_length : int
-        Length of the damage code in it; 0 where damage is not observed.
+        Length of the damage code in the observation; 0 if damage is not observed.
     needs_forces : bool
-        Whether the first observation of an episode needs the forces of its initial state.
+        Whether the first observation of an episode contains forces of its initial state.
+
+    Raises
+    ------
+    ValueError
+        If the kernels do not implement an observation term.
     """
 
     def __init__(self, task: Task, observe_damage: bool) -> None:
@@ -114,9 +119,9 @@ class Observer:
         data : mjw.Data
             The physics.
         mask : wp.array of shape [N]
-            Worlds to observe; the rows of all others stay as they are.
+            Worlds to observe; the rows of the others are left unchanged.
         classes : wp.array of shape [N]
-            Damage class in force.
+            Active damage class.
         obs : wp.array of shape [N, obs_dim]
             Receives the observations.
         """
@@ -141,4 +146,4 @@ def _entries(term: Term, task: Task) -> list[tuple[int, int, float]]:
         case "touch":
             return [(int(TOUCH), limb, 0.0) for limb in range(len(task.touch_addresses))]
         case name:
-            raise ValueError(f"the kernels do not know the observation term {name!r}")
+            raise ValueError(f"the kernels do not implement the observation term {name!r}")

@@ -1,4 +1,4 @@
-"""Rewards and failures: what an env step was worth, and whether it ended the episode.
+"""Rewards and terminations of env steps.
 
 The terms are those of the robot TOML, as in ``rust/dappo-sim/src/terms/reward.rs``.
 """
@@ -14,11 +14,11 @@ import warp as wp
 
 from .task import Task, Term
 
-__all__ = ["Judge", "Outcome"]
+__all__ = ["Outcome", "RewardTerms"]
 
 wp.set_module_options({"enable_backward": False})
 
-# What a term measures.
+# Kinds of reward terms.
 FORWARD_VELOCITY = wp.constant(0)
 SURVIVE = wp.constant(1)
 LIMB_CONTACTS = wp.constant(2)
@@ -35,12 +35,12 @@ _KINDS = {
     "link_loads_squared": int(LINK_LOADS_SQUARED),
 }
 
-MAX_VALUE = wp.constant(1e10)  # mjMAXVAL: what is beyond has diverged for MuJoCo
+MAX_VALUE = wp.constant(1e10)  # mjMAXVAL: larger values are a divergence to MuJoCo
 
 
 @wp.func
 def out_of_bounds(values: wp.array2d[wp.float32], worldid: int) -> bool:
-    """Return whether the physics cannot go on from a row of numbers (``mju_isBad``)."""
+    """Return whether a row contains values with which the physics cannot continue (``mju_isBad``)."""
     for i in range(values.shape[1]):
         if not wp.abs(values[worldid, i]) <= MAX_VALUE:  # in this form, NaN is out of bounds
             return True
@@ -61,7 +61,7 @@ def clipped_square(force: wp.spatial_vector, clip: float) -> float:
 def is_touched(
     bodies: wp.array[wp.int32], first: int, last: int, cfrc_ext: wp.array2d[wp.spatial_vector], worldid: int
 ) -> bool:
-    """Return whether any of some bodies carries an external force."""
+    """Return whether an external force acts on any of the bodies from `first` to `last`."""
     for i in range(first, last):
         force = cfrc_ext[worldid, bodies[i]]
         for j in range(6):
@@ -77,7 +77,7 @@ def limbs_in_contact(
     cfrc_ext: wp.array2d[wp.spatial_vector],
     worldid: int,
 ) -> float:
-    """Return the number of limbs that touch something."""
+    """Return the number of limbs in contact."""
     count = float(0.0)
     for limb in range(limb_first.shape[0] - 1):
         if is_touched(limb_body, limb_first[limb], limb_first[limb + 1], cfrc_ext, worldid):
@@ -86,7 +86,7 @@ def limbs_in_contact(
 
 
 @wp.kernel
-def judge(
+def compute_outcome(
     # Model:
     kind_in: wp.array[wp.int32],
     weight_in: wp.array[wp.float32],
@@ -157,17 +157,18 @@ def judge(
 
 @dataclass
 class Outcome:
-    """What a step led to, one entry a world, before the end of an episode is looked at.
+    """The outcome of an env step, one entry a world, before resets.
 
     Attributes
     ----------
     x : wp.array of shape [N]
-        x position of the main body as of the last physics evaluation, m; what the next velocity counts from.
+        x position of the main body at the last physics evaluation, m: the start of the next displacement.
     reward : wp.array of shape [N]
+        Weighted sum of the reward terms.
     terminated : wp.array of shape [N]
-        Failures.
+        Whether the robot has fallen or the physics has diverged.
     diverged : wp.array of shape [N]
-        Whether the physics has diverged, which is a failure with reward and velocity 0.
+        Whether the physics has diverged; reward and velocity are then 0.
     forward_velocity : wp.array of shape [N]
         Velocity of the main body along +x over the step, m/s.
     """
@@ -186,8 +187,19 @@ class Outcome:
         return cls(floats[0], floats[1], flags[0], flags[1], floats[2])
 
 
-class Judge:
-    """Reward and failure of one robot."""
+class RewardTerms:
+    """Reward terms and termination of one robot.
+
+    Parameters
+    ----------
+    task : Task
+        The robot.
+
+    Raises
+    ------
+    ValueError
+        If the kernels do not implement a reward term.
+    """
 
     def __init__(self, task: Task) -> None:
         kinds = [_kind(term) for term in task.reward]
@@ -204,10 +216,10 @@ class Judge:
             *task.height,
         ]
 
-    def judge(self, data: mjw.Data, outcome: Outcome) -> None:
-        """Write what the step that led to `data` was worth into `outcome`."""
+    def compute(self, data: mjw.Data, outcome: Outcome) -> None:
+        """Write the outcome of the step that ended in the state `data` into `outcome`."""
         wp.launch(
-            judge,
+            compute_outcome,
             dim=data.nworld,
             inputs=[
                 *self._model,
@@ -231,5 +243,5 @@ class Judge:
 
 def _kind(term: Term) -> int:
     if term["term"] not in _KINDS:
-        raise ValueError(f"the kernels do not know the reward term {term['term']!r}")
+        raise ValueError(f"the kernels do not implement the reward term {term['term']!r}")
     return _KINDS[term["term"]]

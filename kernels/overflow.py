@@ -1,4 +1,4 @@
-"""What the overflow flags of `mujoco_warp` mean for a run, and which size to raise."""
+"""Overflow flags of `mujoco_warp` as errors, with the buffer size to raise."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ __all__ = ["PhysicsOverflowError", "check_overflow"]
 
 Flag = mjw.OverflowType
 
-# A solver that has used up its iterations goes on with what it has, as MuJoCo's does, and many robots ask for
-# few. The last two concern sensors that no observation and no reward reads.
+# A solver that reaches its iteration limit keeps its current solution, as in MuJoCo, and many robots set a
+# low limit. The last two flags concern sensors that no observation and no reward term reads.
 HARMLESS = Flag.ITERATIONS | Flag.LS_ITERATIONS | Flag.CONTACT_MATCH | Flag.TACTILE
 
 
 class Limit(NamedTuple):
     """A limit that was exceeded."""
 
-    what: str  # there was no room for
-    size: str | None  # of `make_data`, which gives more room
+    content: str  # of the buffer that overflowed
+    size: str | None  # argument of `make_data` that enlarges the buffer
 
 
 LIMITS = {
@@ -37,13 +37,13 @@ LIMITS = {
 
 
 class PhysicsOverflowError(RuntimeError):
-    """More of something than there is room for: the physics of some steps was wrong.
+    """A buffer of the physics overflowed: the physics of some steps was wrong.
 
     Attributes
     ----------
     sizes : dict of str to int
-        The sizes that were too small, with their values: `njmax`, constraints of a world, and `nconmax`,
-        contacts a world on average. Empty where no size gives more room.
+        The sizes that were too small, with their values: `njmax`, constraints of each world, and `nconmax`,
+        contacts as an average over the worlds. Empty if the buffer has a fixed size.
     """
 
     def __init__(self, message: str, sizes: dict[str, int]) -> None:
@@ -52,19 +52,19 @@ class PhysicsOverflowError(RuntimeError):
 
 
 def check_overflow(flags: NDArray[np.int32], njmax: int, nconmax: int) -> None:
-    """Raise if there was too little room in one of the worlds.
+    """Raise if a buffer was too small in one of the worlds.
 
     Parameters
     ----------
     flags : array of shape [N]
         Overflow flags of each world.
     njmax, nconmax : int
-        The room there was.
+        The current sizes.
 
     Raises
     ------
     PhysicsOverflowError
-        If something was left out of the physics.
+        If contacts or constraints were discarded.
     """
     harmful = flags & ~int(HARMLESS)
     if not harmful.any():
@@ -72,9 +72,9 @@ def check_overflow(flags: NDArray[np.int32], njmax: int, nconmax: int) -> None:
     room = {"njmax": njmax, "nconmax": nconmax}
     causes, sizes = [], {}
     for flag in Flag(int(np.bitwise_or.reduce(harmful))):
-        limit = LIMITS.get(flag, Limit("something that this version does not know", None))
+        limit = LIMITS.get(flag, Limit("entries of a buffer that this version does not know", None))
         size = "a fixed size" if limit.size is None else f"{limit.size} = {room[limit.size]}"
-        causes.append(f"{limit.what} ({flag.name}; {size})")
+        causes.append(f"{limit.content} ({flag.name}; {size})")
         if limit.size is not None:
             sizes[limit.size] = room[limit.size]
     worlds = int(np.count_nonzero(harmful))

@@ -1,8 +1,8 @@
 """Philox4x32-10: random numbers as a pure function of (key, episode, purpose, index).
 
 The streams are those of ``rust/dappo-sim/src/rng.rs``, so that every backend draws the same damage classes,
-start states and exploration noise. Where Rust walks along a stream, a thread here asks for the number at an
-index: the entries of a vector can be drawn in parallel.
+start states and exploration noise. Rust reads a stream in order; a thread here
+computes the number at an index, so that the entries of a vector are drawn in parallel.
 
 Source of the generator: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011.
 """
@@ -13,7 +13,7 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-# What a stream is for (`Purpose` in Rust); the numbers are part of the streams.
+# Purposes of streams (`Purpose` in Rust); the streams depend on these numbers.
 INITIAL_STATE = wp.constant(wp.uint32(0))
 DAMAGE_CLASS = wp.constant(wp.uint32(1))
 ONSET = wp.constant(wp.uint32(2))
@@ -78,7 +78,7 @@ def below(key: wp.uint64, episode: wp.uint64, purpose: wp.uint32, index: int, bo
 
 @wp.func
 def normal(key: wp.uint64, episode: wp.uint64, purpose: wp.uint32, first: int, index: int) -> wp.float64:
-    """Return normal number `index` of those that begin at the bits `first` (Box and Muller, 1958)."""
+    """Return standard normal `index` of those that begin at the bits `first` (Box and Muller, 1958)."""
     at = first + index // 2 * 2
     # 1 - u lies in (0, 1], so that the logarithm is finite.
     radius = wp.sqrt(-TWO * wp.log(ONE - uniform(key, episode, purpose, at)))

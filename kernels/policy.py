@@ -1,7 +1,7 @@
 """The policy and the value net: normalised observations in, sampled actions, log-densities and values out.
 
-They compute what ``frozen.rs`` and ``input.rs`` of ``rust/dappo-nn`` compute. The learner
-trains elsewhere and assigns its weights to the fixed arrays in here, so that a captured graph sees them.
+They implement the same as ``frozen.rs`` and ``input.rs`` of ``rust/dappo-nn``. The learner trains on the host
+and assigns its weights to arrays with fixed addresses, which a captured graph reads.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ wp.set_module_options({"enable_backward": False})
 LN_SQRT_TAU = wp.constant(wp.float64(0.5 * math.log(math.tau)))
 HALF = wp.constant(wp.float64(0.5))
 
-CLIP = 10.0  # standard deviations beyond which normalised observations are cut
+CLIP = 10.0  # bound of normalised observations, in standard deviations
 
 
 @wp.kernel
@@ -105,12 +105,12 @@ def score(
 
 
 class Normalizer:
-    """Shifts and scales observations; leaves them as they are until statistics are assigned.
+    """Shifts and scales observations; the identity until statistics are assigned.
 
     Parameters
     ----------
     obs_dim, code_length : int
-        Length of an observation, and of the damage code at its end, which is multiplied by a constant alone.
+        Length of an observation, and of the damage code at its end, which is only multiplied by a constant.
     """
 
     def __init__(self, obs_dim: int, code_length: int) -> None:
@@ -120,12 +120,13 @@ class Normalizer:
         self.bound = wp.full(obs_dim, math.inf, dtype=wp.float32)
 
     def assign(self, statistics: tuple[ArrayLike, ArrayLike] | None, code_scale: float = 1.0) -> None:
-        """Take over statistics.
+        """Set the statistics.
 
         Parameters
         ----------
         statistics : (mean, scale), arrays of shape [obs_dim - code_length], or None
-            Mean and 1 / standard deviation of every entry before the code; with `None` they pass unchanged.
+            Mean and 1 / standard deviation of every entry before the code; with `None` they are left
+            unchanged.
         code_scale : float
             Factor of the entries of the code.
         """
@@ -163,7 +164,7 @@ class Mlp:
     parameters : wp.array of shape [P]
         All weights, layer after layer: the matrix [inputs, outputs] row by row, then the biases.
     output : wp.array of shape [N, outputs]
-        What the last call computed.
+        Output of the last call of `forward`.
     """
 
     def __init__(self, num_worlds: int, sizes: Sequence[int]) -> None:
@@ -222,7 +223,7 @@ class Policy:
         self.log_probs = wp.zeros(num_worlds, dtype=wp.float32)
         self._noise = wp.zeros((num_worlds, action_dim), dtype=wp.float32)
         self._rows = wp.zeros((num_worlds, obs_dim), dtype=wp.float32)
-        self._everyone = wp.full(num_worlds, True, dtype=wp.bool)
+        self._all_worlds = wp.full(num_worlds, True, dtype=wp.bool)
 
     @property
     def means(self) -> wp.array2d[wp.float32]:
@@ -235,7 +236,7 @@ class Policy:
         return self.critic.output
 
     def assign(self, actor: NDArray[np.float32], critic: NDArray[np.float32], log_std: ArrayLike) -> None:
-        """Take over weights: flat, as `Mlp.parameters` describes them, and the log-std [A]."""
+        """Set the weights: flat, as `Mlp.parameters` describes them, and the log-std [A]."""
         self.actor.parameters.assign(actor)
         self.critic.parameters.assign(critic)
         self.log_std.assign(np.asarray(log_std, dtype=np.float32))
@@ -250,10 +251,10 @@ class Policy:
         keys : wp.array of shape [N]
             Random keys of the exploration noise.
         step : wp.array of shape [1]
-            Number of the step in the run: every (key, step) has noise of its own.
+            Number of the step in the run: every (key, step) has different noise.
         """
-        self.evaluate(obs, self._everyone)
-        self.actor.forward(self._rows, self._everyone)
+        self.evaluate(obs, self._all_worlds)
+        self.actor.forward(self._rows, self._all_worlds)
         wp.launch(
             sample,
             dim=self.actions.shape,
@@ -265,7 +266,7 @@ class Policy:
         )
 
     def evaluate(self, obs: wp.array2d[wp.float32], mask: wp.array[wp.bool] | None = None) -> None:
-        """Compute the values of the selected observations; those of all by default."""
-        chosen = self._everyone if mask is None else mask
+        """Compute the values of the observations [N, O] of the worlds of `mask` [N], by default of all."""
+        chosen = self._all_worlds if mask is None else mask
         self.normalizer.apply(obs, chosen, self._rows)
         self.critic.forward(self._rows, chosen)

@@ -1,6 +1,6 @@
-"""Resets of some worlds: the next episode, its damage class and onset, and its initial state.
+"""Resets of selected worlds: the next episode, its damage class and onset, and its initial state.
 
-What is drawn equals what Rust draws (``vector_env/episode.rs`` and ``backend/mod.rs`` of ``rust/dappo-sim``).
+The draws are the same as in Rust (``vector_env/episode.rs`` and ``backend/mod.rs`` of ``rust/dappo-sim``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["DRAW", "EpisodeDraws", "StateReset"]
 
 wp.set_module_options({"enable_backward": False})
 
-DRAW = -1  # in arrays of damage classes or onsets: leave it to the world's random stream
+DRAW = -1  # in arrays of damage classes or onsets: drawn from the world's random stream
 
 ONE = wp.constant(wp.float64(1.0))
 TWO = wp.constant(wp.float64(2.0))
@@ -47,7 +47,7 @@ def class_at(cumulative: wp.array[wp.float64], u: wp.float64) -> int:
     found = first_above(cumulative, u)
     if found <= last:
         return found
-    # Rounding has left the final sum below u: the last class of positive weight is meant.
+    # Rounding left the final sum below u: return the last class of positive weight.
     return wp.lower_bound(cumulative, cumulative[last])
 
 
@@ -88,7 +88,7 @@ def begin_episode(
 
 
 @wp.kernel
-def clear_state(
+def set_reference_state(
     # Model:
     qpos0: wp.array2d[wp.float32],
     sensordata0: wp.array2d[wp.float32],
@@ -126,7 +126,7 @@ def clear_state(
 
 
 @wp.kernel
-def scatter_state(
+def add_reset_noise(
     # Model:
     qpos_noise: wp.float64,
     qvel_noise: wp.float64,
@@ -156,7 +156,7 @@ def scatter_state(
 
 
 @wp.kernel
-def note_x(
+def store_x(
     # Model:
     main_body: int,
     # In:
@@ -171,7 +171,7 @@ def note_x(
 
 
 class EpisodeDraws:
-    """What an episode's damage class and onset are drawn from.
+    """The distributions of damage classes and onsets.
 
     Parameters
     ----------
@@ -181,9 +181,9 @@ class EpisodeDraws:
     Attributes
     ----------
     cumulative : wp.array of shape [D]
-        Sums of the classes' probabilities; uniform to begin with. Assign to it to change the distribution.
+        Sums of the classes' probabilities; at first uniform. Assign to it to change the distribution.
     onset_range : wp.array of shape [2]
-        First and last step at which damage may strike; (0, 0) = from the start.
+        First and last step of the onset; (0, 0): damage from the start.
     """
 
     def __init__(self, num_worlds: int, num_classes: int) -> None:
@@ -198,7 +198,7 @@ class EpisodeDraws:
         classes: wp.array[wp.int32] | None = None,
         onsets: wp.array[wp.int32] | None = None,
     ) -> None:
-        """Open the next episode of the selected worlds.
+        """Begin the next episode of the selected worlds.
 
         Parameters
         ----------
@@ -232,35 +232,35 @@ class EpisodeDraws:
 
 
 class StateReset:
-    """Puts worlds into states in which an episode may begin.
+    """Sets the initial states of episodes.
 
-    mujoco_warp's own ``reset_data`` takes 42 launches. It keeps the old contact forces and, with the flags of
-    overflow, forgets what the host has not read yet.
+    ``reset_data`` of mujoco_warp takes 42 launches, keeps the old contact forces, and clears overflow flags
+    that the host has not read yet.
 
     Parameters
     ----------
     task : Task
         The robot.
     needs_forces : bool
-        Whether the first observation of an episode needs the forces of its initial state; otherwise positions
-        of bodies are enough.
+        Whether the first observation of an episode contains forces of its initial state; otherwise only
+        kinematics is computed.
     """
 
     def __init__(self, task: Task, needs_forces: bool) -> None:
         self._noise = [wp.float64(task.qpos_noise), wp.float64(task.qvel_noise)]
         self._main_body = task.main_body
-        self._evaluate = mjw.forward if needs_forces else mjw.kinematics
+        self._forward = mjw.forward if needs_forces else mjw.kinematics
         self._sensordata0 = wp.array(_resting_sensordata(task), dtype=wp.float32)
 
-    def rest(
+    def to_reference(
         self, model: mjw.Model, data: mjw.Data, mask: wp.array[wp.bool], classes: wp.array[wp.int32]
     ) -> None:
-        """Put the selected worlds into the reference pose of their class [N], at rest."""
+        """Set the selected worlds to the reference pose of their class [N], at rest."""
         width = max(
             array.shape[1] for array in (data.qpos, data.act, data.ctrl, data.cfrc_ext, data.sensordata)
         )
         wp.launch(
-            clear_state,
+            set_reference_state,
             dim=(data.nworld, width),
             inputs=[model.qpos0, self._sensordata0, mask, classes],
             outputs=[
@@ -275,7 +275,7 @@ class StateReset:
             ],
         )
 
-    def begin(
+    def to_initial(
         self,
         model: mjw.Model,
         data: mjw.Data,
@@ -283,24 +283,24 @@ class StateReset:
         episodes: Episodes,
         outcome: Outcome,
     ) -> None:
-        """Put the selected worlds into the initial state of their episode: reference pose plus noise."""
-        self.rest(model, data, mask, episodes.damage_class)
+        """Set the selected worlds to the initial state of their episode: reference pose plus noise."""
+        self.to_reference(model, data, mask, episodes.damage_class)
         wp.launch(
-            scatter_state,
+            add_reset_noise,
             dim=(data.nworld, max(data.qpos.shape[1], data.qvel.shape[1])),
             inputs=[*self._noise, mask, episodes.key, episodes.number, data.qpos],
             outputs=[data.qpos, data.qvel],
         )
-        self.settle(model, data, mask, outcome)
+        self.evaluate(model, data, mask, outcome)
 
-    def settle(self, model: mjw.Model, data: mjw.Data, mask: wp.array[wp.bool], outcome: Outcome) -> None:
-        """Evaluate new states, and note where the main bodies of the selected worlds are.
+    def evaluate(self, model: mjw.Model, data: mjw.Data, mask: wp.array[wp.bool], outcome: Outcome) -> None:
+        """Evaluate the physics at new states, and store the x positions of the selected worlds' main bodies.
 
-        All worlds are evaluated: launches for some cost as much. The others do not notice: their step begins
-        with an evaluation of its own, and what is observed of them has been read.
+        All worlds are evaluated, as a launch for a selection costs as much. This does not change the others:
+        their next step begins with an evaluation, and their observations have already been written.
         """
-        self._evaluate(model, data)
-        wp.launch(note_x, dim=mask.shape, inputs=[self._main_body, mask, data.xpos], outputs=[outcome.x])
+        self._forward(model, data)
+        wp.launch(store_x, dim=mask.shape, inputs=[self._main_body, mask, data.xpos], outputs=[outcome.x])
 
 
 def _resting_sensordata(task: Task) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""The rollout: what a learner reads of T steps in N worlds, and the step counter that lives on the device.
+"""The rollout: buffers of T steps in N worlds for a learner, and the step counter on the device.
 
-A captured graph is the same in every launch, so it cannot be told which step it is: it reads the counter,
-writes into that row of the buffers, and counts on.
+A captured graph has the same arguments in every launch. It therefore reads the step number from an array,
+writes to that row of the buffers, and increments it.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def record_outcome(
     diverged_out[row, worldid] = diverged_in[worldid]
     forward_velocity_out[row, worldid] = forward_velocity_in[worldid]
     class_out[row, worldid] = class_in[worldid]
-    # The return goes on beyond a time limit, but not beyond a failure.
+    # The return is bootstrapped at a time limit, but not at a termination.
     final_value_out[row, worldid] = wp.where(truncated and not terminated, final_value_in[worldid, 0], 0.0)
 
 
@@ -103,7 +103,7 @@ class Rollout:
     row : wp.array of shape [1]
         Row that the next step writes.
     step : wp.array of shape [1]
-        Number of the next step in the whole run; it names the exploration noise.
+        Number of the next step in the whole run; the exploration noise depends on it.
     obs : wp.array of shape [T, N, O]
         Raw observations before each step.
     actions, means : wp.array of shape [T, N, A]
@@ -113,11 +113,11 @@ class Rollout:
     rewards, forward_velocity : wp.array of shape [T, N]
         Rewards; velocities of the main body along +x, m/s.
     terminated, truncated, diverged : wp.array of shape [T, N]
-        Failures, time limits, and which failures were a divergence of the physics.
+        Terminations, time limits, and whether the physics diverged.
     damage_class : wp.array of shape [T, N]
-        Damage class that acted in the step.
+        Active damage class of the step.
     final_values : wp.array of shape [T, N]
-        Values of the last observations of episodes that the time limit alone cut short, elsewhere 0.
+        Values of the last observations of episodes that were truncated and not terminated, elsewhere 0.
     last_values : wp.array of shape [N, 1]
         Values of the observations after the last step.
     """
@@ -141,7 +141,7 @@ class Rollout:
         self.last_values = floats(num_worlds, 1)
 
     def record_decision(self, obs: wp.array2d[wp.float32], policy: Policy) -> None:
-        """Write what the policy saw [N, O] and decided."""
+        """Write observations [N, O], actions, log-densities and values."""
         num_worlds, obs_dim = obs.shape
         wp.launch(
             record_decision,
@@ -151,8 +151,8 @@ class Rollout:
         )
 
     def record_outcome(self, worlds: Worlds, final_values: wp.array2d[wp.float32]) -> None:
-        """Write what the worlds answered, and the values [N, 1] of the last observations of episodes."""
-        outcome, endings = worlds.outcome, worlds.endings
+        """Write the outcome of the step, and the values [N, 1] of the last observations of episodes."""
+        outcome, ends = worlds.outcome, worlds.episode_ends
         wp.launch(
             record_outcome,
             dim=worlds.num_worlds,
@@ -160,10 +160,10 @@ class Rollout:
                 self.row,
                 outcome.reward,
                 outcome.terminated,
-                endings.truncated,
+                ends.truncated,
                 outcome.diverged,
                 outcome.forward_velocity,
-                endings.damage_class,
+                ends.damage_class,
                 final_values,
             ],
             outputs=[
@@ -178,5 +178,5 @@ class Rollout:
         )
 
     def tick(self) -> None:
-        """Go on to the next row."""
+        """Advance the row and the step counter by one."""
         wp.launch(tick, dim=1, outputs=[self.row, self.step])

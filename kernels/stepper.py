@@ -1,4 +1,4 @@
-"""Worlds that the host leads step by step: no episodes, no draws, as the trait ``Backend`` of Rust has it."""
+"""Worlds that the host steps one call at a time: no episodes, no draws, as in Rust's trait ``Backend``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Step", "Stepper"]
 
 
 class Step(NamedTuple):
-    """What a step led to, one entry a world; rows of worlds that were skipped mean nothing."""
+    """The outcome of a step, one entry a world; rows of skipped worlds are undefined."""
 
     obs: NDArray[np.float32]  # [N, O]
     rewards: NDArray[np.float32]  # [N]
@@ -25,7 +25,7 @@ class Step(NamedTuple):
 
 
 class Stepper:
-    """N worlds of one robot; arrays of NumPy in and out.
+    """N worlds of one robot, with NumPy arrays as arguments and results.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Stepper:
     nconmax, njmax : int, optional
         As for `Worlds`.
     device : str
-        Name of the device, as Warp has it.
+        Name of the device in Warp, such as ``"cuda:0"``.
     """
 
     def __init__(
@@ -72,19 +72,19 @@ class Stepper:
         keys: NDArray[np.uint64],
         numbers: NDArray[np.uint64],
     ) -> NDArray[np.float32]:
-        """Begin episodes of given numbers in some worlds.
+        """Begin episodes with given numbers in selected worlds.
 
         Parameters
         ----------
         worlds : array of shape [R]
-            Their worlds, each at most once.
+            Indices of the worlds, each at most once.
         classes, keys, numbers : array of shape [R]
-            Damage classes in force from the start; random keys; numbers of the episodes.
+            Damage classes, active from the start; random keys; numbers of the episodes.
 
         Returns
         -------
         array of shape [N, O]
-            Observations; of the other worlds, those they had.
+            Observations; those of the other worlds are unchanged.
         """
         with wp.ScopedDevice(self.device):
             episodes = self._worlds.episodes
@@ -94,37 +94,37 @@ class Stepper:
                 (episodes.number, numbers),
             ):
                 _replace(array, worlds, values)
-            self._worlds.enter(wp.array(self._mask(worlds), dtype=wp.bool))
+            self._worlds.reset_states(wp.array(self._mask(worlds), dtype=wp.bool))
             return self._worlds.obs.numpy()
 
     def set_classes(self, worlds: NDArray[np.int64], classes: NDArray[np.int64]) -> None:
-        """Change the damage classes [C] of some worlds [C]; their states go on."""
+        """Change the damage classes [C] of some worlds [C]; their states are kept."""
         with wp.ScopedDevice(self.device):
             _replace(self._worlds.episodes.damage_class, worlds, classes)
-            self._worlds.put_on_classes(self._mask(worlds))
+            self._worlds.apply_classes(self._mask(worlds))
 
     def step(self, actions: NDArray[np.float32], skip: NDArray[np.bool_]) -> Step:
-        """Advance all worlds by one env step, except those marked in `skip` [N], which stand still.
+        """Advance all worlds by one env step, except those of `skip` [N].
 
         Parameters
         ----------
         actions : array of shape [N, A]
             Clipped to ±1.
         skip : array of shape [N]
-            Worlds that stand still.
+            Worlds whose states are kept.
 
         Raises
         ------
         PhysicsOverflowError
-            If there was no room for all contacts or constraints.
+            If a buffer was too small for all contacts or constraints.
         """
         with wp.ScopedDevice(self.device):
             worlds = self._worlds
-            held = worlds.read_state() if skip.any() else None
+            saved = worlds.read_state() if skip.any() else None
             self._actions.assign(actions)
             wp.capture_launch(self._graph)
-            if held is not None:
-                worlds.write_state(held, skip)
+            if saved is not None:
+                worlds.write_state(saved, skip)
             outcome = worlds.outcome
             step = Step(
                 worlds.obs.numpy(),
@@ -133,11 +133,11 @@ class Stepper:
                 outcome.forward_velocity.numpy(),
                 outcome.diverged.numpy(),
             )
-            worlds.check_room()
+            worlds.raise_on_overflow()
             return step
 
     def state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return positions [N, nq] and velocities [N, nv]."""
+        """Return positions [N, nq] (m, rad) and velocities [N, nv] (m/s, rad/s)."""
         with wp.ScopedDevice(self.device):
             data = self._worlds.data
             return data.qpos.numpy().astype(np.float64), data.qvel.numpy().astype(np.float64)
@@ -145,21 +145,21 @@ class Stepper:
     def set_state(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], skip: NDArray[np.bool_]
     ) -> NDArray[np.float32]:
-        """Put worlds, save those of `skip` [N], into states [N, nq] and [N, nv]; return all observations."""
+        """Set worlds, except those of `skip` [N], to states [N, nq] and [N, nv]; return all observations."""
         with wp.ScopedDevice(self.device):
             self._worlds.set_state(qpos, qvel, ~skip)
             return self._worlds.obs.numpy()
 
     def snapshot(self) -> NDArray[np.float32]:
-        """Return what the physics goes on from, one row a world."""
+        """Return the state of the physics, one row a world: [N, row_length]."""
         with wp.ScopedDevice(self.device):
             return self._worlds.read_state()
 
     def restore(self, rows: NDArray[np.float32], classes: NDArray[np.int64]) -> None:
-        """Go back to a snapshot taken when the damage classes were `classes` [N]."""
+        """Restore a snapshot [N, row_length] that was taken with the damage classes `classes` [N]."""
         with wp.ScopedDevice(self.device):
             self._worlds.episodes.damage_class.assign(classes.astype(np.int32))
-            self._worlds.put_on_classes()
+            self._worlds.apply_classes()
             self._worlds.write_state(rows)
 
     def _mask(self, worlds: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""A robot's task as the kernels see it: tables of numbers from the class table and the robot TOML."""
+"""A robot's task as tables of numbers, from the class table and the robot TOML."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Term = Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Everything that turns physics into what a learner sees.
+    """The models, observation, reward and episodes of one robot.
 
     Attributes
     ----------
@@ -27,21 +27,22 @@ class Task:
     codes : array of shape [D, K]
         Damage code of each class.
     muted_touch : array of shape [D, L]
-        Whether a class cuts off the touch signal of a limb; no columns without touch sensors.
+        Whether a class disables the touch sensor of a limb; no columns without touch sensors.
     limb_bodies : tuple of tuple of int
         Per limb, its bodies.
     touch_addresses : tuple of int
         Per limb, its entry of ``sensordata``; empty without touch sensors.
     main_body : int
-        Body whose x position gives the forward velocity.
+        Body whose x position defines the forward velocity.
     frame_skip : int
-        Physics substeps an env step.
+        Physics steps of an env step.
     max_episode_steps : int
         Steps after which an episode is truncated.
     action_scale : float
         ctrl = `action_scale` · clip(action, ±1).
     qpos_noise, qvel_noise : float
-        Half-width of the uniform noise of initial positions, standard deviation of that of velocities.
+        Half-width of the uniform noise on initial positions (m, rad), standard deviation of the normal noise
+        on initial velocities (m/s, rad/s).
     height : tuple of float
         Lowest and highest z of the root, m.
     observation, reward : tuple of mapping
@@ -72,7 +73,7 @@ class Task:
         table : dappo_batch.ClassTable
             The compiled damage classes.
         reward : str, optional
-            Name of a reward in the robot TOML; its default if left out.
+            Name of a reward in the robot TOML; by default that of its entry ``reward.default``.
         """
         spec = table.robot.spec
         muted = np.zeros((len(table.models), len(table.touch_addresses)), dtype=np.bool_)
@@ -103,7 +104,7 @@ class Task:
         return float(self.models[0].opt.timestep) * self.frame_skip
 
     def muted_sites(self) -> list[frozenset[int]]:
-        """Return per class the sites of touch sensors whose signal is cut off."""
+        """Return per class the sites of the disabled touch sensors."""
         model = self.models[0]
         site_at = {
             int(address): int(site)

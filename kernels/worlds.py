@@ -1,7 +1,7 @@
-"""The vector env on the device: N damage-randomised worlds that step, end and begin anew without the host.
+"""The vector env on the device: N damage-randomised worlds that are stepped and reset without the host.
 
-All worlds do everything in the same order, under masks, so that a step is one fixed sequence of launches and
-can be captured in a graph. What may change between launches lies in arrays.
+Every world runs the same kernels in the same order, under masks: a step is one fixed sequence of launches
+that a graph can capture. Values that change between launches are in arrays.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .damage import DamageFields, class_rows
-from .episode import BEFORE_THE_FIRST, Endings, Episodes, count_step, keep_final, strike
+from .episode import NOT_STARTED, EpisodeEnds, Episodes, activate_damage, count_step, save_final
 from .observe import Observer
-from .outcome import Judge, Outcome
+from .outcome import Outcome, RewardTerms
 from .overflow import check_overflow
 from .reset import DRAW, EpisodeDraws, StateReset
 from .task import Task
@@ -56,9 +56,9 @@ def count_divergences(
 
 
 class Worlds:
-    """N worlds of one robot, each with an episode and a damage class of its own, in same-step mode.
+    """N worlds of one robot, each with its own episode and damage class, in autoreset mode ``same_step``.
 
-    Everything is allocated here and on Warp's current device; `step` and `reset` allocate nothing that lasts.
+    All arrays are allocated here, on Warp's current device; `step` and `reset` allocate only temporary ones.
 
     Parameters
     ----------
@@ -67,29 +67,29 @@ class Worlds:
     keys : array of shape [N]
         Random key of each world.
     observe_damage : bool
-        Append the damage code of the class in force to every observation.
+        Append the damage code of the active damage class to every observation.
     max_episode_steps : int, optional
-        Steps after which an episode is truncated; the robot's own limit if left out.
+        Steps after which an episode is truncated; by default the limit of the robot TOML.
     nconmax, njmax : int, optional
-        Room for contacts, a world on average, and for constraints, in any one world. By default what a limbed
-        robot on a plane can need at most.
+        Buffer sizes: contacts, as an average over the worlds, and constraints of each world. By default the
+        most that a limbed robot on a plane can need.
 
     Attributes
     ----------
     model, data : mjw.Model, mjw.Data
         The physics.
     episodes : Episodes
-        Where every world stands.
+        The running episode of every world.
     draws : EpisodeDraws
         Distributions of damage classes and onsets; assign to its arrays to change them.
     outcome : Outcome
-        Rewards and failures of the last step.
-    endings : Endings
-        Ends of episodes in the last step, and what the resets have overwritten.
+        Rewards and terminations of the last step.
+    episode_ends : EpisodeEnds
+        Episodes that ended in the last step, with the values that their resets have overwritten.
     obs : wp.array of shape [N, O]
-        Observations after the last step; where an episode ended, the first of the next one.
+        Observations after the last step; where an episode ended, the first one of the next episode.
     diverged, nonfinite_actions : wp.array of shape [1]
-        How often the physics of a world diverged, and how many numbers in actions were not finite.
+        Number of divergences of the physics of a world, and of entries of actions that were not finite.
     """
 
     def __init__(
@@ -107,21 +107,21 @@ class Worlds:
         healthy = task.models[0]
         room = contact_bound(healthy)
         self.model = mjw.put_model(healthy)
-        self.model.opt.warn_overflow = 0  # the host reads the flags and says what to do
+        self.model.opt.warn_overflow = 0  # the host reads the flags and raises
         self.data = mjw.make_data(
             healthy, nworld=self.num_worlds, nconmax=nconmax or room[0], njmax=njmax or room[1]
         )
         rows = class_rows(self.model, task.models, task.muted_sites())
-        self.episodes = Episodes.before_the_first(keys)
+        self.episodes = Episodes.unstarted(keys)
         self.draws = EpisodeDraws(self.num_worlds, len(task.models))
         self.outcome = Outcome.zeros(self.num_worlds)
         self._fields = DamageFields(self.model, rows, self.num_worlds)
         self._observer = Observer(task, observe_damage)
-        self._judge = Judge(task)
+        self._reward_terms = RewardTerms(task)
         self._reset = StateReset(task, self._observer.needs_forces)
-        self._everyone = wp.full(self.num_worlds, True, dtype=wp.bool)
-        self._struck = wp.zeros(self.num_worlds, dtype=wp.bool)
-        self.endings = Endings.zeros(
+        self._all_worlds = wp.full(self.num_worlds, True, dtype=wp.bool)
+        self._activated = wp.zeros(self.num_worlds, dtype=wp.bool)
+        self.episode_ends = EpisodeEnds.zeros(
             self.num_worlds, self.obs_dim, max_episode_steps or task.max_episode_steps
         )
         self.obs = wp.zeros((self.num_worlds, self.obs_dim), dtype=wp.float32)
@@ -149,7 +149,7 @@ class Worlds:
         return sum(int(np.prod(array.shape[1:])) for array in self._state())
 
     def step(self, actions: wp.array2d[wp.float32]) -> None:
-        """Advance every world by one env step; where an episode ends, the next one begins at once.
+        """Advance every world by one env step and reset the worlds whose episodes end.
 
         Parameters
         ----------
@@ -157,15 +157,15 @@ class Worlds:
             Clipped to ±1.
         """
         episodes = self.episodes
-        strike(episodes, self._struck)
-        self._fields.gather(self._struck, episodes.damage_class)
+        activate_damage(episodes, self._activated)
+        self._fields.gather(self._activated, episodes.damage_class)
         self.advance(actions)
-        count_step(episodes, self.outcome, self.endings)
-        keep_final(episodes, self.obs, self.endings)
-        self._begin(self.endings.ended)
+        count_step(episodes, self.outcome, self.episode_ends)
+        save_final(episodes, self.obs, self.episode_ends)
+        self._begin(self.episode_ends.ended)
 
     def advance(self, actions: wp.array2d[wp.float32]) -> None:
-        """Do the physics of an env step alone, judge and observe it: no onset, no end of an episode.
+        """Compute physics, outcome and observations of an env step, without onsets and ends of episodes.
 
         Parameters
         ----------
@@ -182,10 +182,10 @@ class Worlds:
         for _ in range(self.task.frame_skip):
             mjw.step(model, data)
         mjw.rne_postconstraint(model, data)
-        self._judge.judge(data, self.outcome)
+        self._reward_terms.compute(data, self.outcome)
         wp.launch(count_divergences, self.num_worlds, inputs=[self.outcome.diverged], outputs=[self.diverged])
-        self._reset.rest(model, data, self.outcome.diverged, classes)
-        self._observer.observe(data, self._everyone, classes, self.obs)
+        self._reset.to_reference(model, data, self.outcome.diverged, classes)
+        self._observer.observe(data, self._all_worlds, classes, self.obs)
 
     def reset(
         self,
@@ -195,55 +195,55 @@ class Worlds:
         classes: ArrayLike | None = None,
         onsets: ArrayLike | None = None,
     ) -> None:
-        """Begin new episodes on behalf of the host.
+        """Begin new episodes, on request of the host.
 
         Parameters
         ----------
         mask : array of shape [N], optional
             Worlds to reset; all by default.
         keys : array of shape [N], optional
-            New random keys for all worlds; episodes count from 0 again.
+            New random keys for all worlds; their episodes are numbered from 0 again.
         classes, onsets : array of shape [N], optional
             Damage classes and onsets, `DRAW` where the world draws its own.
         """
         if keys is not None:
             self.episodes.key.assign(np.asarray(keys, dtype=np.uint64))
-            self.forget_episodes()
-        chosen = self._everyone if mask is None else wp.array(np.asarray(mask), dtype=wp.bool)
+            self.restart_numbering()
+        chosen = self._all_worlds if mask is None else wp.array(np.asarray(mask), dtype=wp.bool)
         self._begin(chosen, self._fixed(classes), self._fixed(onsets))
 
-    def forget_episodes(self) -> None:
-        """Let the next reset begin every world's episode 0, as if nothing had happened before."""
-        self.episodes.number.fill_(wp.uint64(BEFORE_THE_FIRST))
+    def restart_numbering(self) -> None:
+        """Clear all counters: the next reset begins episode 0 of every world."""
+        self.episodes.number.fill_(wp.uint64(NOT_STARTED))
         for counter in (self.diverged, self.nonfinite_actions, self.data.overflow):
             counter.zero_()
 
     def set_state(self, qpos: ArrayLike, qvel: ArrayLike, mask: NDArray[np.bool_] | None = None) -> None:
-        """Put worlds into states [N, nq] and [N, nv], at rest from forces; their episodes go on.
+        """Set the states of worlds, with forces and activations zero; their episodes continue.
 
         Parameters
         ----------
         qpos, qvel : array of shape [N, nq] and [N, nv]
-            Positions and velocities.
+            Positions (m, rad) and velocities (m/s, rad/s).
         mask : array of shape [N], optional
-            Worlds that are put there; all by default.
+            Worlds to set; all by default.
         """
-        chosen = self._everyone if mask is None else wp.array(mask, dtype=wp.bool)
-        self._reset.rest(self.model, self.data, chosen, self.episodes.damage_class)
+        chosen = self._all_worlds if mask is None else wp.array(mask, dtype=wp.bool)
+        self._reset.to_reference(self.model, self.data, chosen, self.episodes.damage_class)
         rows = np.ones(self.num_worlds, dtype=np.bool_) if mask is None else mask
         for array, values in ((self.data.qpos, qpos), (self.data.qvel, qvel)):
             array.assign(np.where(rows[:, None], np.asarray(values, dtype=np.float32), array.numpy()))
-        self._reset.settle(self.model, self.data, chosen, self.outcome)
+        self._reset.evaluate(self.model, self.data, chosen, self.outcome)
         self._observer.observe(self.data, chosen, self.episodes.damage_class, self.obs)
 
     def read_state(self) -> NDArray[np.float32]:
-        """Return what the physics goes on from, one row a world: time, x, qpos, qvel, act, warm start."""
+        """Return the state of the physics, one row a world: time, x, qpos, qvel, act, warm start."""
         return np.concatenate([_rows(array) for array in self._state()], axis=1)
 
     def write_state(self, rows: NDArray[np.float32], mask: NDArray[np.bool_] | None = None) -> None:
-        """Go back to rows that `read_state` has returned, in the worlds of `mask` [N] or in all.
+        """Restore rows that `read_state` returned, in the worlds of `mask` [N] or in all.
 
-        Their damage classes must be those of that time.
+        The active damage classes must be the same as at the time of `read_state`.
         """
         chosen = np.ones(self.num_worlds, dtype=np.bool_) if mask is None else mask
         start = 0
@@ -253,18 +253,18 @@ class Worlds:
             start += old.shape[1]
             array.assign(np.where(chosen[:, None], new, old).reshape(array.shape))
 
-    def put_on_classes(self, mask: NDArray[np.bool_] | None = None) -> None:
-        """Give worlds, those of `mask` [N] or all, the model of their damage class in force."""
-        chosen = self._everyone if mask is None else wp.array(mask, dtype=wp.bool)
+    def apply_classes(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Copy the model of the active damage class into the worlds of `mask` [N], or into all."""
+        chosen = self._all_worlds if mask is None else wp.array(mask, dtype=wp.bool)
         self._fields.gather(chosen, self.episodes.damage_class)
 
-    def check_room(self) -> None:
-        """Raise if contacts or constraints were left out since the last call.
+    def raise_on_overflow(self) -> None:
+        """Raise if a buffer was too small for all contacts or constraints since the last call.
 
         Raises
         ------
         PhysicsOverflowError
-            If there were more than there is room for.
+            With the sizes to raise.
         """
         flags = self.data.overflow.numpy().copy()  # on a CPU it is a view
         if flags.any():
@@ -278,12 +278,12 @@ class Worlds:
         onsets: wp.array[wp.int32] | None = None,
     ) -> None:
         self.draws.begin(self.episodes, mask, classes, onsets)
-        self.enter(mask)
+        self.reset_states(mask)
 
-    def enter(self, mask: wp.array[wp.bool]) -> None:
-        """Put the selected worlds into the model and the initial state of their episodes."""
+    def reset_states(self, mask: wp.array[wp.bool]) -> None:
+        """Set the models and the initial states of the episodes of the selected worlds."""
         self._fields.gather(mask, self.episodes.damage_class)
-        self._reset.begin(self.model, self.data, mask, self.episodes, self.outcome)
+        self._reset.to_initial(self.model, self.data, mask, self.episodes, self.outcome)
         self._observer.observe(self.data, mask, self.episodes.damage_class, self.obs)
 
     def _state(self) -> tuple[wp.array[wp.float32], ...]:
@@ -303,14 +303,14 @@ def _rows(array: wp.array[wp.float32]) -> NDArray[np.float32]:
 
 
 def contact_bound(model: mujoco.MjModel) -> tuple[int | None, int | None]:
-    """Return the most contacts and constraints that a robot can have whose contacts are pairs with a plane.
+    """Return the most contacts and constraints of a robot whose contact pairs all include a plane.
 
     Returns
     -------
     tuple of int or None
-        `nconmax` and `njmax`; None, which leaves the guess to mujoco_warp, for every other robot.
+        `nconmax` and `njmax`; for other robots None, for which mujoco_warp chooses sizes itself.
     """
-    # mujoco_warp takes all corners of a box that has sunk in, MuJoCo four of them.
+    # mujoco_warp generates a contact for every penetrating corner of a box, MuJoCo for four of them.
     most = {mujoco.mjtGeom.mjGEOM_SPHERE: 1, mujoco.mjtGeom.mjGEOM_CAPSULE: 2, mujoco.mjtGeom.mjGEOM_BOX: 8}
     contacts = 0
     for pair in zip(model.pair_geom1, model.pair_geom2, strict=True):

@@ -1,4 +1,4 @@
-"""Compiled robots shared by all tests, and an exact comparison of what environments return."""
+"""Compiled robots shared by all tests, and an exact comparison of results of environments."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TOGETHER = (
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:  # noqa: ANN401
-    """Let tests that would do the same costly work in every process share one of them."""
+    """Run tests with the same expensive fixtures in one process."""
     if config.getvalue("dist") != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling
@@ -43,7 +43,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:  # noqa
 
 @pytest.fixture(autouse=True, scope="session")
 def _warp_on_one_device() -> Iterator[None]:
-    """Let Warp, where a test has imported it, use one device, and keep quiet.
+    """If Warp is imported, select its device and reduce its log.
 
     It is the CPU, which runs what a GPU would, unless ``DAPPO_WARP_DEVICE`` names another one, as ``cuda:0``.
     """
@@ -58,14 +58,14 @@ def _warp_on_one_device() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _ctrl_c_reaches_processes() -> None:
-    """Let what tests start hear Ctrl-C, which a shell that starts them in its background has ignored."""
+    """Restore the handler of Ctrl-C, which is ignored in background jobs of a shell, for child processes."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
 def _no_process_outlives_its_test() -> Iterator[None]:
-    """End what a test has started, if it failed before it could do so."""
+    """End the processes that a failed test has started."""
     yield
     processes.end_all()
 
@@ -84,14 +84,14 @@ def hexapod_table() -> ClassTable:
 
 @pytest.fixture(params=["ant", "hexapod"])
 def table(request: pytest.FixtureRequest) -> ClassTable:
-    """Run the test once with each shipped robot."""
+    """Run the test once with each built-in robot."""
     compiled: ClassTable = request.getfixturevalue(f"{request.param}_table")
     return compiled
 
 
 @pytest.fixture(scope="session")
 def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassTable]:
-    """Compile both robots with an allowed height so narrow that episodes often end by themselves."""
+    """Compile both robots with a narrow range of heights, so that many episodes terminate."""
     folder = tmp_path_factory.mktemp("robots") / "nervous"
     shutil.copytree(Path(dappo_batch.load_robot("ant").path).parent, folder)
     tables = {}
@@ -109,12 +109,12 @@ def nervous_tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ClassT
 
 @pytest.fixture(scope="session")
 def assert_identical() -> Callable[..., None]:
-    """Give tests the exact comparison."""
+    """Return the exact comparison."""
     return _assert_identical
 
 
 def _assert_identical(left: Any, right: Any, where: str = "") -> None:  # noqa: ANN401
-    """Compare nested tuples, dicts and arrays bit for bit, types and shapes included."""
+    """Check that nested tuples, dicts and arrays are bit-identical, including types and shapes."""
     if isinstance(left, dict):
         assert isinstance(right, dict), where
         assert sorted(left) == sorted(right), where

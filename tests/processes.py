@@ -1,4 +1,4 @@
-"""Processes of their own for tests, which end with the test, whatever they have started themselves."""
+"""Separate processes for tests, which end with the test together with their children."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DAPPO_BATCH = (sys.executable, "-c", "from dappo_batch.cli import main; main()")
 """The command line of the package that this Python imports; arguments follow."""
 
 _STARTED: list[subprocess.Popen[str]] = []
-"""Processes whose end is not yet known."""
+"""Running processes."""
 
 
 def run(
@@ -40,7 +40,7 @@ def run(
 
 
 def start(command: Sequence[str | Path], **options: Any) -> subprocess.Popen[str]:  # noqa: ANN401
-    """Start a command at the head of a process group, whose output is read from pipes."""
+    """Start a command as leader of a process group, with pipes for its output."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = subprocess.Popen(
         list(map(str, command)), text=True, start_new_session=True, **(pipes | options)
@@ -50,7 +50,7 @@ def start(command: Sequence[str | Path], **options: Any) -> subprocess.Popen[str
 
 
 def end(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """Kill a process with all of its group; return what it has printed and nobody has read."""
+    """Kill the process group of a process; return its output that has not been read yet."""
     if process.returncode is None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -60,6 +60,6 @@ def end(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 
 def end_all() -> None:
-    """End what is left of what :func:`start` has started."""
+    """End all remaining processes of :func:`start`."""
     for process in tuple(_STARTED):
         end(process)

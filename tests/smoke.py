@@ -1,4 +1,4 @@
-"""What an installed wheel must be able to do.
+"""A smoke test of an installed wheel.
 
 No test of pytest's: `make wheels` runs it with the Python of an environment that holds nothing else.
 """
@@ -26,7 +26,7 @@ def run(*arguments: str) -> None:
 
 
 def main() -> None:
-    """Look for the files that are no code, then train and evaluate each robot with each backend."""
+    """Check for the files that are not code, then train and evaluate each robot with each backend."""
     package = Path(dappo_batch.__file__).parent
     missing = [name for name in FILES if not (package / name).is_file()]
     assert not missing, f"{package} lacks {missing}"

@@ -5,7 +5,7 @@ Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``d
 
 from __future__ import annotations
 
-from dappo_batch import _startup  # first, as it is for the time that the rest takes
+from dappo_batch import _startup  # first, to handle Ctrl-C during the other imports
 
 # isort: split
 

@@ -1,4 +1,4 @@
-"""Checks of what users pass: a wrong type or value is a `ConfigError`, a wrong shape a `ShapeError`."""
+"""Checks of arguments: a wrong type or value is a `ConfigError`, a wrong shape a `ShapeError`."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = [
 Float = TypeVar("Float", np.float32, np.float64)
 
 MOST_ITEMS = 2**24
-"""Entries of a sequence at most: as many as there may be envs."""
+"""Maximum length of a sequence: the maximum number of envs."""
 MOST = 2**63 - 1
-"""The largest integer that the native code takes."""
+"""The largest integer that the native code accepts."""
 
 
 def shown(value: object) -> str:
@@ -48,7 +48,7 @@ def shown(value: object) -> str:
 
 
 def integer(value: object, what: str, minimum: int, maximum: int = MOST) -> int:
-    """Return `value` as an int, refusing floats and booleans.
+    """Return `value` as an int; floats and booleans are errors.
 
     Raises
     ------
@@ -82,14 +82,14 @@ def real(value: object, what: str) -> float:
 
 
 def boolean(value: object, what: str) -> bool:
-    """Return `value` as a bool; nothing but booleans is one."""
+    """Return `value`, which must be a boolean, as a bool."""
     if not isinstance(value, bool | np.bool_):
         raise ConfigError(f"{what} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def text(value: object, what: str) -> str:
-    """Return `value` as a str that can be written as UTF-8 and holds no NUL."""
+    """Return `value` as a str that can be written as UTF-8 and contains no NUL."""
     if not isinstance(value, str) or "\0" in value:
         raise ConfigError(f"{what} must be a text, got {shown(value)}")
     try:
@@ -110,7 +110,8 @@ def folder(value: object, what: str) -> Path:
     """Return the path of a file or folder."""
     if isinstance(value, str | bytes | PathLike):
         path = fsdecode(value)
-        # Bytes that are no UTF-8 are lone surrogates in Python, and a path may hold some; others it may not.
+        # Bytes that are not UTF-8 become lone surrogates, which paths may contain; other surrogates are
+        # errors.
         with suppress(UnicodeEncodeError):
             if path and b"\0" not in fsencode(path):
                 _check_name(path, what)
@@ -119,7 +120,7 @@ def folder(value: object, what: str) -> Path:
 
 
 def _check_name(path: str, what: str) -> None:
-    """Refuse a path that the system cannot look at, as its name is too long; it need not exist."""
+    """Raise if the system cannot stat a path, for example because its name is too long."""
     try:
         stat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -136,29 +137,29 @@ def mapping(value: object, what: str) -> Mapping[Any, Any]:
 
 
 def sequence(value: object, what: str) -> Sequence[Any]:
-    """Return `value`, which must be a sequence; a text is none."""
+    """Return `value`, which must be a sequence other than a text."""
     if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray):
         raise ConfigError(f"{what} must be a sequence such as a list, got {shown(value)}")
     return value
 
 
-def items(value: Any) -> list[Any] | None:  # noqa: ANN401 - whatever a user passes
-    """Return the items of a sequence or of an array of any library; None for a single value, as a text is."""
+def items(value: Any) -> list[Any] | None:  # noqa: ANN401 - any argument
+    """Return the items of a sequence or of an array of any library; None for a single value or a text."""
     is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)
     if not is_sequence and not (isinstance(getattr(value, "ndim", None), int) and value.ndim > 0):
         return None
-    if len(value) > MOST_ITEMS:  # of a range it takes no memory to say so
+    if len(value) > MOST_ITEMS:  # checked before a range is expanded
         raise ConfigError(f"{shown(value)} has more than {MOST_ITEMS} entries")
     return list(value)
 
 
 def array(value: object, what: str, dtype: type[Float]) -> NDArray[Float]:
-    """Return real numbers as a C-contiguous array, without copying what already is one.
+    """Return real numbers as a C-contiguous array, without a copy if `value` is one.
 
     Raises
     ------
     ShapeError
-        If `value` is no array, for example because its rows differ in length.
+        If `value` is not an array, for example because its rows differ in length.
     ConfigError
         If its entries are not real numbers.
     """
@@ -171,9 +172,9 @@ def array(value: object, what: str, dtype: type[Float]) -> NDArray[Float]:
             raise ConfigError(
                 f"{what}: expected {np.dtype(dtype)} or a type that converts to it, got {found.dtype}"
             )
-        with np.errstate(over="ignore"):  # too large becomes infinite, which is refused by name
+        with np.errstate(over="ignore"):  # overflow becomes infinite, which is checked later
             found = found.astype(dtype)
-    # Of an array without dimensions `ascontiguousarray` would make one with one.
+    # `ascontiguousarray` would add a dimension to an array without dimensions.
     return np.ascontiguousarray(found) if found.ndim else found
 
 
@@ -183,9 +184,9 @@ def flags(value: object, what: str, count: int) -> NDArray[np.bool_]:
     Raises
     ------
     ShapeError
-        If there are not so many.
+        If there are not `count` values.
     ConfigError
-        If they are no booleans.
+        If they are not booleans.
     """
     try:
         found = np.asarray(value)
@@ -199,7 +200,7 @@ def flags(value: object, what: str, count: int) -> NDArray[np.bool_]:
 
 
 def finite(values: NDArray[Any], what: str) -> None:
-    """Refuse an array that holds a number that is not finite.
+    """Raise if an array contains a number that is not finite.
 
     Raises
     ------

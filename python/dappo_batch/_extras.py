@@ -1,4 +1,4 @@
-"""Extras: packages that only some parts of this one need."""
+"""Extras: packages that only some features need."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _PACKAGES = {
     "video": {"PIL": "pillow", "av": "av"},
     "viewer": {"mjviser": "mjviser"},
 }
-"""By extra: names of packages by those of their modules."""
+"""Package names by module name, for each extra."""
 
 
 class MissingExtraError(DappoError, ImportError):
-    """Something needs packages of an extra that is not installed; the message says how to install it."""
+    """A feature needs an extra that is not installed; the message contains the install command."""
 
 
 def install(extra: str) -> str:
@@ -33,7 +33,7 @@ def lacking(extra: str) -> list[str]:
 
 
 def missing(extra: str, packages: list[str], what: str) -> MissingExtraError:
-    """Return the error of packages that are not installed; `what`, in the plural, needs them."""
+    """Return the error for packages that are not installed and are needed by `what`, a plural."""
     verb = "is" if len(packages) == 1 else "are"
     return MissingExtraError(
         f"{' and '.join(packages)} {verb} not installed, which {what} need: {install(extra)}"
@@ -46,7 +46,7 @@ def require(extra: str, what: str) -> None:
     Raises
     ------
     MissingExtraError
-        If it is not.
+        If it is not installed.
     """
     if packages := lacking(extra):
         raise missing(extra, packages, what)

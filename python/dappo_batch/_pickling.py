@@ -1,4 +1,4 @@
-"""Objects that belong to their process."""
+"""Objects that cannot be pickled."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ __all__ = ["NotPicklable", "NotPicklableError"]
 
 
 class NotPicklableError(DappoError, TypeError):
-    """An object that holds native memory was to be pickled or copied."""
+    """An object with native memory cannot be pickled or copied."""
 
 
 class NotPicklable:
-    """Base of classes whose state is native memory: `pickle` and `copy` refuse them and say what to do."""
+    """Base of classes whose state is native memory: `pickle` and `copy` raise with an alternative."""
 
     _instead: ClassVar[str]
 
     def __reduce_ex__(self, protocol: SupportsIndex, /) -> NoReturn:
-        """Refuse, whatever the protocol."""
+        """Raise for every protocol."""
         raise NotPicklableError(
             f"a {type(self).__name__} cannot be pickled or copied, because its state is native memory; "
             f"{self._instead}"

@@ -1,4 +1,4 @@
-"""The console script ``dappo-batch``: a shim over the command line written in Rust."""
+"""The console script ``dappo-batch``: a wrapper of the command line in Rust."""
 
 import os
 import sys
@@ -7,11 +7,11 @@ from dappo_batch._core import run_cli
 
 
 def main() -> None:
-    """Run the command line and leave with its exit code."""
+    """Run the command line and exit with its code."""
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            # A closed one would be given to the next file that is opened, and what is printed would go there.
+            # The next file that is opened would get the number of a closed one, and receive the output.
             os.open(os.devnull, os.O_RDWR)
     sys.exit(run_cli(sys.argv[1:]))

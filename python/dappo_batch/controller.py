@@ -1,4 +1,4 @@
-"""A controller that finds out by itself what broke, and lets the robot walk on."""
+"""A controller that detects and diagnoses damage online, and adapts the policy to it."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ MOST_ROBOTS = 2**24
 
 
 class Controller(NotPicklable):
-    """Controls robots through damage, each by itself, without a reset.
+    """Controls robots independently, and adapts to damage without a reset.
 
-    Call `act` once a control step with what the robots observe, in a simulation or on a robot. Damage
-    classes are never asked for: a robot is taken for healthy until the controller has named its damage.
+    Call `act` once in each control step with the observations of the robots, in a simulation or on a robot.
+    The true damage class is never an input: the assumed class is ``healthy`` until damage has been diagnosed.
 
     Parameters
     ----------
     run
         Run folder of a damage-aware policy that has been evaluated.
     diagnoser
-        Folder of ``diagnose train``, best on records of this run with the preset ``residual``.
+        Folder of ``diagnose train``, preferably trained on data of this run with the preset ``residual``.
     expert
-        Run folder of the policy that walks while a robot is examined, the one whose records the diagnoser
-        learned from; the run itself, as if nothing were damaged, if left out.
+        Run folder of the policy that controls the robot during a diagnosis, the one that collected the
+        diagnoser's training data; by default `run` itself with the code of the healthy robot.
     num_robots
         Number of robots, N.
     trigger
-        What raises suspicion: ``"residual"``, steps that differ from those of a simulated twin, or
-        ``"speed"``, a robot that walks too slowly.
+        What raises a suspicion: ``"residual"``, the difference between the robot and a simulated twin, or
+        ``"speed"``, a low forward velocity.
     settings
         Other settings of the controller, for example ``{"cooldown": 100}``.
     threads
-        Worker threads. For a few robots, threads that wait for each other cost more time than they save.
+        Worker threads. For a few robots one thread is fastest.
     robot_changed
-        Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the run
-        has it, ``"use-file"`` with the file as it is now.
+        If the robot file has changed since the training: ``"use-run"`` uses the copy of the robot in the run
+        folder, ``"use-file"`` the current file.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class Controller(NotPicklable):
         If a folder or a setting cannot be used, or the parts are not of one robot.
     """
 
-    _instead = "make one from the same folders in the process that uses it"
+    _instead = "create one from the same folders in the process that uses it"
 
     def __init__(
         self,
@@ -83,14 +83,14 @@ class Controller(NotPicklable):
     def from_export(
         cls, folder: str | bytes | PathLike[str], *, num_robots: int = 1, threads: int = 1
     ) -> Controller:
-        """Make a controller from the one folder that ``dappo-batch export`` wrote.
+        """Create a controller from an export folder.
 
-        It acts to the bit as the controller that was exported, with the settings it was exported with.
+        Its actions are bit-identical to those of the exported controller with the exported settings.
 
         Parameters
         ----------
         folder
-            The export folder.
+            Folder of `export` or ``dappo-batch export``.
         num_robots
             Number of robots, N.
         threads
@@ -99,13 +99,13 @@ class Controller(NotPicklable):
         Returns
         -------
         Controller
-            The controller; all robots are taken for healthy.
+            The controller; the assumed class of all robots is ``healthy``.
 
         Raises
         ------
         CheckpointError
-            If the folder is no export, a file of it has changed, or it holds a policy alone, without a
-            diagnoser; `Policy.from_export` reads that.
+            If the folder is not an export, a file has changed, or it contains only a policy, which
+            `Policy.from_export` reads.
         """
         controller = cls.__new__(cls)
         controller._core = _core.Controller.from_export(
@@ -133,29 +133,29 @@ class Controller(NotPicklable):
 
     @property
     def class_names(self) -> list[str]:
-        """Names of the damage classes; the index is the class."""
+        """Names of the damage classes, in the order of their ids."""
         return self._core.class_names
 
     @property
     def damage_classes(self) -> NDArray[np.int64]:
-        """What the policy is told of each robot, [N]."""
+        """Assumed damage classes, [N]."""
         return self._core.damage_classes
 
     @property
     def events(self) -> list[Event]:
-        """All that has happened, in order."""
+        """All events so far, in order."""
         return self._events
 
     def act(self, obs: ArrayLike, forward_velocity: ArrayLike) -> NDArray[np.float32]:
         """Choose the next actions.
 
-        Readings that are not finite are replaced by the last finite ones; a row of NaN stands for a step
-        whose readings were lost. Actions are always finite.
+        Entries that are not finite are replaced by the last finite ones; a row of NaN is a step without an
+        observation. Actions are always finite.
 
         Parameters
         ----------
         obs
-            Observations without damage code, [N, O], or [O] of a single robot.
+            Observations without damage code, [N, O], or [O] for a single robot.
         forward_velocity
             Velocities along +x over the last step, m/s, [N], or a number.
 
@@ -169,7 +169,7 @@ class Controller(NotPicklable):
         ShapeError
             If a shape does not fit.
         ConfigError
-            If an array holds no numbers.
+            If an array does not contain numbers.
         """
         rows = array(obs, "obs", np.float32)
         velocities = np.atleast_1d(array(forward_velocity, "forward_velocity", np.float64))
@@ -184,9 +184,9 @@ class Controller(NotPicklable):
         return actions[0] if single else actions
 
     def reset(self, mask: ArrayLike | None = None) -> None:
-        """Begin anew with all robots, or with those of a mask [N].
+        """Reset all robots, or those of a mask [N].
 
-        They are taken for healthy, and nothing that was read of the robots before is kept.
+        Their assumed class becomes ``healthy``, and all earlier observations are discarded.
 
         Raises
         ------

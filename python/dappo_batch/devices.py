@@ -1,6 +1,6 @@
-"""The devices of the backend ``warp``: which can be used, why not, and what its errors mean.
+"""Devices of the backend ``warp``: availability, start of the kernels, and messages for their errors.
 
-Warp is imported here alone, and only where somebody asks for it: it is the extra ``gpu``.
+Warp is imported only here and only on demand, as it belongs to the extra ``gpu``.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ __all__ = ["explain", "load_warp", "open_engine", "open_stepper", "problem", "re
 
 _INSTALL = "pip install dappo-batch[gpu]"
 _NAMES = {"cuda": "cuda:0", "warp-cpu": "cpu"}
-"""Devices as Warp names them."""
+"""Warp's names of the devices."""
 
 
 def resolve(device: str) -> str:
-    """Return the device that a wish means on this machine.
+    """Return the device to use on this machine.
 
     Parameters
     ----------
     device : {"auto", "cpu", "cuda", "warp-cpu"}
-        ``"auto"`` is a CUDA GPU where one can be used, otherwise the CPU.
+        ``"auto"`` is a CUDA GPU if one can be used, otherwise the CPU.
 
     Raises
     ------
     ConfigError
-        If the device cannot be used; the message says why and what to do.
+        If the device cannot be used; the message contains the reason and a remedy.
     """
     if device == "auto":
         return "cpu" if problem("cuda") else "cuda"
@@ -93,7 +93,7 @@ def open_engine(
     *,
     device: str,
     reward: str | None,
-    **options: Any,  # noqa: ANN401 - those of another function
+    **options: Any,  # noqa: ANN401 - of another function
 ) -> Engine:
     """Return the rollout engine of a robot.
 
@@ -104,9 +104,9 @@ def open_engine(
     keys : array of shape [N]
         Random keys of the envs.
     device : {"cuda", "warp-cpu"}
-        Where.
+        The device.
     reward : str, optional
-        Name of the reward; the robot's default for None.
+        Name of the reward; by default that of the robot TOML.
     **options
         As for `dappo_batch.kernels.engine.Engine`.
     """
@@ -114,7 +114,7 @@ def open_engine(
     from dappo_batch.kernels.engine import Engine
     from dappo_batch.kernels.task import Task
 
-    with _telling_of_compilation(device):
+    with _compilation_notice(device):
         return Engine(Task.of(table, reward), keys, device=_NAMES[device], **options)
 
 
@@ -124,19 +124,19 @@ def open_stepper(
     *,
     device: str,
     reward: str | None,
-    **options: Any,  # noqa: ANN401 - those of another function
+    **options: Any,  # noqa: ANN401 - of another function
 ) -> Stepper:
-    """Return the same robots for a host that steps them one call at a time; parameters as `open_engine`."""
+    """Return a robot's `Stepper`, one call for each env step; parameters as for `open_engine`."""
     resolve(device)
     from dappo_batch.kernels.stepper import Stepper
     from dappo_batch.kernels.task import Task
 
-    with _telling_of_compilation(device):
+    with _compilation_notice(device):
         return Stepper(Task.of(table, reward), num_envs, device=_NAMES[device], **options)
 
 
 def explain(error: BaseException) -> str:
-    """Return what an exception of Warp or of the kernels means for a user."""
+    """Return the message for an exception of Warp or of the kernels, with a remedy."""
     text = str(error)
     if isinstance(error, DappoError):
         return text
@@ -146,18 +146,18 @@ def explain(error: BaseException) -> str:
             return f"{text}; --device cpu simulates every robot"
         flags = " ".join(f"--{name} {2 * size}" for name, size in sizes.items())
         arguments = ", ".join(f"{name}={2 * size}" for name, size in sizes.items())
-        return f"{text}; give more, for example {flags}, or {arguments} in Python"
+        return f"{text}; raise the sizes, for example {flags}, or {arguments} in Python"
     if isinstance(error, MemoryError) or "Failed to allocate" in text:
         return f"the device has too little memory: {text}; use fewer envs (--envs)"
     if isinstance(error, FloatingPointError):
         return f"the training has diverged: {text}; try a smaller ppo.learning_rate"
     if isinstance(error, (NotImplementedError, ValueError)):
-        return f"the backend warp cannot go on: {text}; --device cpu simulates every robot"
+        return f"the backend warp failed: {text}; --device cpu simulates every robot"
     return f"{type(error).__name__}: {text}"
 
 
-def load_warp() -> Any:  # noqa: ANN401 - a module that need not be installed
-    """Return Warp, started and quiet."""
+def load_warp() -> Any:  # noqa: ANN401 - an optional module
+    """Import and initialise Warp, without its log of compiled modules."""
     import warp
 
     # Warp would print a line for each of fifty modules.
@@ -167,13 +167,13 @@ def load_warp() -> Any:  # noqa: ANN401 - a module that need not be installed
 
 
 def _needed_driver(warp: Any) -> tuple[int, int] | None:  # noqa: ANN401
-    """Return the CUDA version that the driver must know: the first of the one Warp was built with."""
+    """Return the CUDA version that the driver must support: the first of Warp's major version."""
     toolkit = warp.get_cuda_toolkit_version()
     return None if toolkit is None else (toolkit[0], 0)
 
 
 def _has_driver() -> bool:
-    """Return whether a CUDA driver is installed, without starting Warp, which takes seconds."""
+    """Return whether a CUDA driver is installed, without Warp, whose start takes seconds."""
     try:
         ctypes.CDLL(ctypes.util.find_library("cuda") or "libcuda.so.1")
     except OSError:
@@ -182,17 +182,15 @@ def _has_driver() -> bool:
 
 
 @contextmanager
-def _telling_of_compilation(device: str) -> Iterator[None]:
-    """Say on standard error that kernels are being compiled, if they are."""
+def _compilation_notice(device: str) -> Iterator[None]:
+    """Print a notice on standard error if kernels are compiled."""
     folder = Path(load_warp().config.kernel_cache_dir)
     before, done = _modules(folder), threading.Event()
 
     def watch() -> None:
         while not done.wait(0.5):
             if _modules(folder) - before:
-                note = (
-                    f"compiling the kernels for {device}, a minute or two; later starts find them in {folder}"
-                )
+                note = f"compiling the kernels for {device}, a minute or two; they are cached in {folder}"
                 print(note, file=sys.stderr, flush=True)
                 return
 

@@ -1,4 +1,4 @@
-"""A trained diagnoser by itself: what broke, given what was logged."""
+"""A trained diagnoser for logged trajectories."""
 
 from __future__ import annotations
 
@@ -18,13 +18,12 @@ __all__ = ["Diagnoser"]
 
 
 class Diagnoser(NotPicklable):
-    """A diagnoser, and a simulation of the healthy twins that it compares robots with.
+    """A diagnoser, with a simulation of the healthy twins.
 
-    `Diagnoser.load` reads it. It looks at trajectories that are over; a `Controller` looks while the robot
-    walks.
+    `Diagnoser.load` reads it. It diagnoses recorded trajectories; a `Controller` diagnoses robots online.
     """
 
-    _instead = "read it from its folders in the process that uses it"
+    _instead = "load it from its folders in the process that uses it"
 
     def __init__(self, core: _core.Diagnoser) -> None:
         self._core = core
@@ -38,24 +37,25 @@ class Diagnoser(NotPicklable):
         threads: int | None = None,
         robot_changed: RobotChanged | None = None,
     ) -> Diagnoser:
-        """Read a diagnoser.
+        """Load a diagnoser.
 
         Parameters
         ----------
         folder
             Folder of `train_diagnoser`.
         expert
-            Run folder of the policy that walked in its training data. Its configuration says how to simulate.
+            Run folder of the policy that collected its training data. Its configuration defines the
+            simulation.
         threads
-            Worker threads; all cores if left out.
+            Worker threads; by default the number of cores.
         robot_changed
-            Where the robot file has changed since the expert's training: ``"use-run"`` goes on with the robot
-            as the run has it, ``"use-file"`` with the file as it is now.
+            If the robot file has changed since the expert's training: ``"use-run"`` uses the copy of the
+            robot in the run folder, ``"use-file"`` the current file.
 
         Raises
         ------
         ConfigError
-            If a folder is not what it should be, or both are not of one robot.
+            If a folder is of another kind, or the two belong to different robots.
         CheckpointError
             If a file cannot be read.
         """
@@ -75,24 +75,24 @@ class Diagnoser(NotPicklable):
 
     @property
     def timesteps(self) -> int:
-        """Steps that it looks at, T."""
+        """Steps of a diagnosis window, T."""
         return self._core.timesteps
 
     @property
     def class_names(self) -> list[str]:
-        """Names of the damage classes, C of them; the index is the class."""
+        """Names of the C damage classes, in the order of their ids."""
         return self._core.class_names
 
     def diagnose(self, obs: ArrayLike, actions: ArrayLike) -> NDArray[np.float32]:
-        """Tell how probable every damage class is.
+        """Return the probabilities of the damage classes.
 
         Parameters
         ----------
         obs
-            Observations before the first step and after each, without damage code, [N, T + 1, O], or
-            [T + 1, O] of a single robot.
+            Observations before the first step and after each step, without damage code, [N, T + 1, O], or
+            [T + 1, O] for a single robot.
         actions
-            The actions between them, [N, T, A], or [T, A].
+            Actions of the steps, [N, T, A], or [T, A].
 
         Returns
         -------
@@ -104,8 +104,8 @@ class Diagnoser(NotPicklable):
         ShapeError
             If a shape does not fit.
         ConfigError
-            If the observations do not tell a robot's state, so that no twin can be put beside it, or an array
-            holds something else than finite numbers.
+            If the observations do not determine the robot's state, so that its twin cannot be simulated, or
+            an array contains anything but finite numbers.
         """
         obs, actions, single = _batches(obs, actions)
         if actions.shape[1] != self.timesteps:
@@ -116,7 +116,7 @@ class Diagnoser(NotPicklable):
         return probabilities[0] if single else probabilities
 
     def twin(self, obs: ArrayLike, actions: ArrayLike) -> NDArray[np.float32]:
-        """Tell what the healthy twins observe after each step, for any number of steps.
+        """Return the observations of the healthy twins after each step, for any number of steps.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Diagnoser(NotPicklable):
 
 
 def _batches(obs: ArrayLike, actions: ArrayLike) -> tuple[NDArray[np.float32], NDArray[np.float32], bool]:
-    """Return arrays of several robots, and whether they are of a single one."""
+    """Return arrays with a batch dimension, and whether it was added."""
     obs, actions = array(obs, "obs", np.float32), array(actions, "actions", np.float32)
     if obs.ndim != actions.ndim or obs.ndim not in (2, 3):
         raise ShapeError(

@@ -1,6 +1,6 @@
-"""``dappo-batch doctor``: what is installed, what works, and what to install for everything else.
+"""``dappo-batch doctor``: checks of the installation, and commands that install what is missing.
 
-A missing extra is not a failure. What can fail is the core: simulating damaged robots on this processor.
+A missing extra is not a failure; only checks of the core, the simulation of damaged robots, can fail.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["Check", "command", "diagnose"]
 
 Status = Literal["ok", "missing", "failed"]
 
-_RENDER_TIMEOUT = 60.0  # s; the first frame on a machine without a GPU may compile shaders for a while
+_RENDER_TIMEOUT = 60.0  # s; without a GPU the first frame may compile shaders
 _RENDER = """\
 import mujoco
 model = mujoco.MjModel.from_xml_string(
@@ -43,7 +43,7 @@ mujoco.mj_forward(model, data)
 renderer = mujoco.Renderer(model, 32, 32)
 renderer.update_scene(data)
 print("brightest pixel", int(renderer.render().max()), flush=True)
-# Freeing some software renderers fails, which says nothing about pictures.
+# Freeing some software renderers fails, which does not affect pictures.
 import os
 os._exit(0)
 """
@@ -52,7 +52,7 @@ _RENDERERS = opengl.INSTALL
 
 @dataclass(frozen=True)
 class _Extra:
-    """An optional package, what it is for and how to get it."""
+    """An optional package, its purpose and the command that installs it."""
 
     package: str
     purpose: str
@@ -63,32 +63,32 @@ _BACKENDS: tuple[Backend, ...] = ("mujoco", "lanes")
 _EXTRAS = (
     _Extra("pillow", "pictures, animations and captions", "pip install pillow"),
     _Extra("av", "videos as mp4", "pip install av"),
-    _Extra("mjviser", "walks in a browser: `dappo-batch view --browser`", "pip install mjviser"),
+    _Extra("mjviser", "robots in a browser: `dappo-batch view --browser`", "pip install mjviser"),
     _Extra("matplotlib", "figures of `dappo-batch report`", "pip install matplotlib"),
     _Extra("tensorboard", "watching a training run", "pip install tensorboard"),
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
     _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),
     _Extra("torch", "using the environments from PyTorch", "pip install torch"),
-    _Extra("envpool", "a peer in `dappo-batch bench`", "pip install envpool"),
+    _Extra("envpool", "a competitor in `dappo-batch bench`", "pip install envpool"),
 )
 
 
 @dataclass(frozen=True)
 class Check:
-    """The answer to one question.
+    """The result of one check.
 
     Attributes
     ----------
     name : str
-        What was looked at.
+        Name of the check.
     status : {"ok", "missing", "failed"}
-        ``missing`` is something optional that is not there; ``failed`` is something that should work.
+        ``missing`` is an optional part that is not installed; ``failed`` is an error.
     detail : str
-        What was found, or what went wrong.
+        Version or other findings, or the error.
     cure : str
-        A command or an advice, where one is known.
+        A command or advice, if known.
     core : bool
-        Whether nothing works without it.
+        Whether the package cannot be used without it.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Check:
     core: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it."""
+        """Return the check as a dictionary that can be written as JSON."""
         return {
             "status": self.status,
             "detail": self.detail,
@@ -108,11 +108,11 @@ class Check:
 
 
 def _core(name: str, look: Callable[[], str], cure: str) -> Check:
-    """Turn a function that returns what it found, or raises, into a check of the core."""
+    """Return a check of the core from a function that returns its findings or raises."""
     try:
         return Check(name, "ok", look(), core=True)
     except Exception as error:
-        # A doctor that falls ill helps nobody: whatever goes wrong is the finding.
+        # Any exception is a finding and must not stop the other checks.
         return Check(name, "failed", f"{type(error).__name__}: {error}", cure, core=True)
 
 
@@ -128,7 +128,7 @@ def _version(package: str) -> str:
 
 
 def _self_test() -> str:
-    """Compile the Ant's classes and take ten steps with four of them on each backend."""
+    """Compile the Ant's classes and simulate ten steps of four envs on each backend."""
     table = compile_class_table("ant")
     for backend in _BACKENDS:
         envs = make_vec(table, num_envs=4, seed=0, backend=backend)
@@ -143,8 +143,8 @@ def _self_test() -> str:
             envs.close()
     simd = LaneWorlds(table, np.zeros(1, dtype=np.int64)).simd
     return (
-        f"{len(table.models)} damage classes of the Ant compiled, 10 steps of 4 envs taken with mujoco and"
-        f" with lanes ({simd})"
+        f"{len(table.models)} damage classes of the Ant compiled, 10 steps of 4 envs simulated with mujoco"
+        f" and lanes ({simd})"
     )
 
 
@@ -161,14 +161,14 @@ def _core_checks() -> list[Check]:
 
 
 def _gpu() -> Check:
-    """Look for a CUDA GPU: through its command line tool, or else through its driver."""
+    """Check for a CUDA GPU, with its command line tool or its driver."""
     tool = shutil.which("nvidia-smi")
     if tool is not None:
         query = [tool, "--query-gpu=name,driver_version,memory.total", "--format=csv,noheader"]
         try:
             done = subprocess.run(query, capture_output=True, text=True, check=False, timeout=20.0)
         except (OSError, subprocess.TimeoutExpired) as error:
-            return Check("gpu", "missing", f"nvidia-smi does not answer: {error}")
+            return Check("gpu", "missing", f"nvidia-smi failed: {error}")
         if done.returncode == 0 and done.stdout.strip():
             return Check("gpu", "ok", "; ".join(done.stdout.strip().splitlines()))
     try:
@@ -184,20 +184,20 @@ def _gpu() -> Check:
 
 
 def _warp() -> Check:
-    """Look at the backend of GPUs: Warp, the driver that it needs, and the devices that it finds."""
+    """Check the GPU backend: Warp, its driver, and its devices."""
     if reason := devices.problem("warp-cpu"):
         return Check("warp", "missing", reason, "pip install dappo-batch[gpu]")
     try:
         found = devices.report()
     except Exception as error:
-        # As above: whatever a foreign library raises is the finding.
+        # As above: any exception of a third-party library is a finding.
         return Check("warp", "failed", f"{type(error).__name__}: {error}", "pip install dappo-batch[gpu]")
     reason = devices.problem("cuda")
     return Check("warp", "missing" if reason else "ok", f"{found}; {reason}" if reason else found)
 
 
 def _renderer(name: str) -> Check:
-    """Render a picture without a screen, in a process of its own: a bad driver may crash it."""
+    """Render a picture without a screen, in a separate process, which a faulty driver may crash."""
     environment = os.environ | {"MUJOCO_GL": name, "PYOPENGL_PLATFORM": name}
     cure = _RENDERERS[name]
     try:
@@ -210,17 +210,17 @@ def _renderer(name: str) -> Check:
             env=environment,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return Check(name, "missing", f"rendering does not end: {error}", cure)
+        return Check(name, "missing", f"rendering failed: {error}", cure)
     words = done.stdout.split()
     if done.returncode == 0 and words and int(words[-1]) > 0:
-        return Check(name, "ok", f"renders; choose it with MUJOCO_GL={name}")
+        return Check(name, "ok", f"works; choose it with MUJOCO_GL={name}")
     lines = done.stderr.strip().splitlines()
     reason = lines[-1] if lines else f"exit code {done.returncode}, a black picture or none"
     return Check(name, "missing", reason, cure)
 
 
 def _rendering() -> list[Check]:
-    """Look at every OpenGL that needs no screen, and conclude whether films can be made."""
+    """Check every OpenGL implementation that needs no screen, and whether films can be rendered."""
     renderers = [_renderer(name) for name in _RENDERERS]
     return [*renderers, _films([check.name for check in renderers if check.status == "ok"])]
 
@@ -231,8 +231,13 @@ def _films(working: Sequence[str]) -> Check:
     chosen = next((name for name in opengl.choices() if name in working), None)
     if chosen is None:
         advice = " or ".join(_RENDERERS.values())
-        return Check("films", "missing", "none of these OpenGLs works, or MUJOCO_GL names another", advice)
-    return Check("films", "ok", f"`dappo-batch render` draws with {chosen}; mp4, GIF and PNG")
+        return Check(
+            "films",
+            "missing",
+            "none of these OpenGL implementations works, or MUJOCO_GL selects another one",
+            advice,
+        )
+    return Check("films", "ok", f"`dappo-batch render` uses {chosen}; mp4, GIF and PNG")
 
 
 def _extra(extra: _Extra) -> Check:
@@ -243,12 +248,12 @@ def _extra(extra: _Extra) -> Check:
 
 
 def diagnose(*, rendering: bool = True) -> dict[str, Any]:
-    """Look at everything and return the findings as JSON can hold them.
+    """Run all checks and return the findings as a dictionary that can be written as JSON.
 
     Parameters
     ----------
     rendering : bool
-        Whether to try to render, which takes a few seconds.
+        Whether to check rendering, which takes a few seconds.
 
     Returns
     -------

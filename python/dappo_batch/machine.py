@@ -1,4 +1,4 @@
-"""What this machine is: its processor, and the software that measurements depend on."""
+"""The machine: its processor, and the versions of software that affect measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FLAGS = ("avx2", "fma", "avx512f", "asimd", "sve")
 
 
 def _cpuinfo(*keys: str) -> str:
-    """Return the first value of one of `keys` in Linux's description of the processor, or nothing."""
+    """Return the first value of one of `keys` in Linux's description of the processor, or an empty text."""
     try:
         text = _CPUINFO.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -31,12 +31,12 @@ def _cpuinfo(*keys: str) -> str:
 
 
 def cpu_name() -> str:
-    """Return the processor's name, as far as the system tells."""
+    """Return the name of the processor."""
     return _cpuinfo("model name", "Hardware") or platform.processor() or platform.machine()
 
 
 def cpu_flags() -> list[str]:
-    """Return which of the vector instruction sets that matter for speed the processor has."""
+    """Return the vector instruction sets of the processor that affect speed."""
     present = set(_cpuinfo("flags", "Features").split())
     return [flag for flag in _FLAGS if flag in present]
 
@@ -49,7 +49,7 @@ def cores() -> int:
 
 
 def _load_average() -> float | None:
-    """Return the mean number of running processes in the last minute, where the system counts them."""
+    """Return the load average of the last minute, if the system has it."""
     try:
         return os.getloadavg()[0]
     except (AttributeError, OSError):
@@ -57,7 +57,7 @@ def _load_average() -> float | None:
 
 
 def describe() -> dict[str, Any]:
-    """Return processor, cores, load average and versions, as JSON can hold them."""
+    """Return processor, cores, load average and versions, as a dictionary that can be written as JSON."""
     return {
         "cpu": cpu_name(),
         "cores": cores(),
@@ -69,7 +69,7 @@ def describe() -> dict[str, Any]:
 
 
 def text(machine: Mapping[str, Any]) -> str:
-    """Return two lines about a machine that `describe` has described."""
+    """Return the result of `describe` as two lines of text."""
     load = "unknown" if machine["load_average"] is None else f"{machine['load_average']:.2f}"
     return (
         f"{machine['cpu']}, {machine['cores']} cores, load average {load} at the start\n"

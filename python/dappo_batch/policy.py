@@ -1,4 +1,4 @@
-"""A trained policy by itself, for programs of one's own."""
+"""A trained policy, for your own programs."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["Policy"]
 class Policy(NotPicklable):
     """The policy of a run, without exploration noise; `Policy.load` and `Policy.from_export` read it.
 
-    It does what it is told: a `Controller` also finds out what to tell it.
+    The damage class is an argument of `act`; a `Controller` diagnoses it instead.
     """
 
-    _instead = "read it from its run folder in the process that uses it"
+    _instead = "load it from its run folder in the process that uses it"
 
     def __init__(self, core: _core.Policy) -> None:
         self._core = core
@@ -36,44 +36,43 @@ class Policy(NotPicklable):
         threads: int | None = None,
         robot_changed: RobotChanged | None = None,
     ) -> Policy:
-        """Read the policy in the newest checkpoint of a run folder.
+        """Load the policy of the newest checkpoint of a run folder.
 
         Parameters
         ----------
         run
             The run folder.
         threads
-            Worker threads; all cores if left out.
+            Worker threads; by default the number of cores.
         robot_changed
-            Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the
-            run has it, ``"use-file"`` with the file as it is now.
+            If the robot file has changed since the training: ``"use-run"`` uses the copy of the robot in the
+            run folder, ``"use-file"`` the current file.
 
         Raises
         ------
         ConfigError
-            If the folder is no run folder, or the robot file has changed and `robot_changed` does not say
-            what to do.
+            If the folder is not a run folder, or the robot file has changed and `robot_changed` is not given.
         CheckpointError
-            If it has no checkpoint that can be read.
+            If it has no readable checkpoint.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
         return cls(_core.Policy.load(folder(run, "run"), threads=workers, robot_changed=robot_changed))
 
     @classmethod
     def from_export(cls, export: str | bytes | PathLike[str], *, threads: int | None = None) -> Policy:
-        """Read the policy of a folder that ``dappo-batch export`` wrote, with a diagnoser or without.
+        """Load the policy of an export folder, with a diagnoser or without.
 
         Parameters
         ----------
         export
-            The export folder.
+            Folder of `export` or ``dappo-batch export``.
         threads
-            Worker threads; all cores if left out.
+            Worker threads; by default the number of cores.
 
         Raises
         ------
         CheckpointError
-            If the folder is no export, or a file of it has changed.
+            If the folder is not an export, or a file has changed.
         """
         workers = None if threads is None else integer(threads, "threads", 1)
         return cls(_core.Policy.from_export(folder(export, "export"), threads=workers))
@@ -90,17 +89,17 @@ class Policy(NotPicklable):
 
     @property
     def observes_damage(self) -> bool:
-        """Whether it can be told a damage class; a policy that was trained with ``--unaware`` cannot."""
+        """Whether the policy observes the damage code; one that was trained with ``--unaware`` does not."""
         return self._core.observes_damage
 
     @property
     def class_names(self) -> list[str]:
-        """Names of the damage classes; the index is the class."""
+        """Names of the damage classes, in the order of their ids."""
         return self._core.class_names
 
     @property
     def env_steps(self) -> int:
-        """Env steps that it was trained for."""
+        """Env steps of its training."""
         return self._core.env_steps
 
     def act(
@@ -114,9 +113,9 @@ class Policy(NotPicklable):
         Parameters
         ----------
         obs
-            Observations without damage code, [N, O], or [O] of a single robot.
+            Observations without damage code, [N, O], or [O] for a single robot.
         damage_class
-            What the policy is told: a class name or id, or one for each robot, [N]; healthy if left out.
+            Class name or id, or one for each robot, [N], whose code the policy receives; by default healthy.
 
         Returns
         -------
@@ -126,8 +125,8 @@ class Policy(NotPicklable):
         Raises
         ------
         ConfigError
-            If a damage class does not exist, or is told to a policy that observes none, or an observation is
-            no finite number.
+            If a damage class does not exist, is given to a policy that does not observe damage, or an
+            observation is not finite.
         ShapeError
             If a shape does not fit.
         """
@@ -138,21 +137,21 @@ class Policy(NotPicklable):
         single = rows.ndim == 1
         rows = np.atleast_2d(rows)
         if damage_class is not None and not self.observes_damage:
-            raise ConfigError("the policy observes no damage; leave damage_class out")
+            raise ConfigError("the policy does not observe damage; leave damage_class out")
         actions = self._core.act(rows, self._classes(damage_class, len(rows)))
         return actions[0] if single else actions
 
     def _classes(
-        self, told: str | int | Sequence[str | int] | NDArray[np.int64] | None, robots: int
+        self, damage_class: str | int | Sequence[str | int] | NDArray[np.int64] | None, robots: int
     ) -> NDArray[np.int64]:
-        if told is None:
+        if damage_class is None:
             return np.zeros(robots, np.int64)
-        each = items(told)
+        each = items(damage_class)
         if each is not None:
             return np.array([self._class(item) for item in each], np.int64)
-        return np.full(robots, self._class(told), np.int64)
+        return np.full(robots, self._class(damage_class), np.int64)
 
-    def _class(self, told: object) -> int:
-        if isinstance(told, str):
-            return self._core.parse(text(told, "damage_class"))
-        return integer(told, "damage_class", 0)
+    def _class(self, damage_class: object) -> int:
+        if isinstance(damage_class, str):
+            return self._core.parse(text(damage_class, "damage_class"))
+        return integer(damage_class, "damage_class", 0)

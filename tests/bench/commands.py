@@ -1,4 +1,4 @@
-"""Commands of ``dappo-batch`` in processes of their own, and what a run folder says about them."""
+"""Commands of ``dappo-batch`` in separate processes, and the contents of their run folders."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ __all__ = [
     "train",
 ]
 
-_UNREADABLE = "the run folder does not say it"
+_UNREADABLE = "the run folder cannot be read"
 
 
 class TrainingFailed(Exception):
-    """``dappo-batch train`` gave no numbers; the text says why."""
+    """``dappo-batch train`` failed; the text contains the reason."""
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """What a run folder says.
+    """The contents of a run folder.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class TrainingRun:
         Raises
         ------
         TrainingFailed
-            If a file is missing or not what it should be, or if there was no iteration.
+            If a file is missing or invalid, or if there was no iteration.
         """
         try:
             config = tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))
@@ -68,12 +68,12 @@ class TrainingRun:
 
 
 def read_metrics(folder: Path) -> tuple[dict[str, Any], ...]:
-    """Read ``metrics.jsonl`` of a training, of whatever it is that was trained.
+    """Read ``metrics.jsonl`` of a training of a policy or a diagnoser.
 
     Raises
     ------
     TrainingFailed
-        If it is missing, empty, or not what it should be.
+        If it is missing, empty or invalid.
     """
     try:
         lines = (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
@@ -86,21 +86,21 @@ def read_metrics(folder: Path) -> tuple[dict[str, Any], ...]:
 
 
 def train(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> TrainingRun:
-    """Run ``dappo-batch train`` in a process of its own, in a temporary folder, and read what it wrote.
+    """Run ``dappo-batch train`` in a separate process and a temporary folder, and read its run folder.
 
     Parameters
     ----------
     arguments : sequence of str
-        Those behind ``train``, without ``--run`` and ``--json``; the last may be values of ``--set``.
+        Arguments of ``train``, without ``--run`` and ``--json``; the last may be values of ``--set``.
     threads : int
         Threads of Python's linear algebra; those of the training are an argument of ``train``.
     timeout : float
-        Longest time to wait, s.
+        Maximum time, s.
 
     Raises
     ------
     TrainingFailed
-        If it fails, takes too long, or leaves nothing to read.
+        If it fails, takes too long, or its run folder cannot be read.
     """
     with tempfile.TemporaryDirectory(prefix="dappo-batch-bench-") as folder:
         run = Path(folder) / "run"
@@ -109,7 +109,7 @@ def train(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> Tra
 
 
 def command_line(arguments: Sequence[str], threads: int, timeout: float = 600.0) -> str:
-    """Run ``dappo-batch`` in a process of its own and return what it printed.
+    """Run ``dappo-batch`` in a separate process and return its standard output.
 
     Raises
     ------
@@ -129,6 +129,6 @@ def command_line(arguments: Sequence[str], threads: int, timeout: float = 600.0)
     except subprocess.TimeoutExpired:
         raise TrainingFailed(f"{name} took longer than {timeout:.0f} s") from None
     if done.returncode != 0:
-        said = (done.stderr.strip() or done.stdout.strip() or "it said nothing")[-500:]
-        raise TrainingFailed(f"{name} ended with exit code {done.returncode}: {said}")
+        output = (done.stderr.strip() or done.stdout.strip() or "no output")[-500:]
+        raise TrainingFailed(f"{name} ended with exit code {done.returncode}: {output}")
     return done.stdout

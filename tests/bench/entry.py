@@ -1,4 +1,4 @@
-"""Who takes part in a benchmark of trainings, and its command line."""
+"""Entries of a benchmark of trainings, and its command line."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from typing import Any, ClassVar
 
 from dappo_batch._core import SimulationError
 from dappo_batch.bench import measure
-from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.simulators import Unavailable
 
 from .worker import Work, Worker, WorkerFailed
 
-__all__ = ["Entrant", "Kept", "print_report"]
+__all__ = ["Entry", "WorkerEntry", "print_report"]
 
 
-class Entrant:
-    """Something that may need packages beyond those of this project.
+class Entry:
+    """An entry of a benchmark, which may need packages of its own.
 
     Attributes
     ----------
     key : str
         Name in tables and JSON.
     about : str
-        What it is.
+        Description.
     packages : dict
-        What it needs beyond this package: name to import, name to install.
+        Packages it needs: name to import, name to install.
     note : str
-        Remarks on this very run, such as the version that was measured.
+        Remarks on this measurement, such as the version.
     """
 
     key: ClassVar[str]
@@ -50,8 +50,8 @@ class Entrant:
         """Free processes and memory."""
 
 
-class Kept(Entrant):
-    """An entrant whose program is kept warm in a process of its own.
+class WorkerEntry(Entry):
+    """An entry whose program runs in a separate process for all rounds.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Kept(Entrant):
     program: ClassVar[str]
 
     def start(self, task: Work) -> None:
-        """Start the process, or raise `Unavailable` if its program cannot be made."""
+        """Start the process, or raise `Unavailable` if its program cannot start."""
         try:
             self._worker = Worker(self.program, task)
         except WorkerFailed as error:
@@ -70,7 +70,7 @@ class Kept(Entrant):
         self.note = self._worker.note
 
     def ask(self, number: int) -> dict[str, Any]:
-        """Have a piece of work of the size `number` done and return what the program says about it."""
+        """Let the program do work of the size `number`, and return its answer."""
         try:
             return self._worker.ask(number)
         except WorkerFailed as error:
@@ -87,8 +87,8 @@ def print_report(
 ) -> None:
     """Run a benchmark with the arguments of a command line and print its report, as JSON with ``--json``."""
     add = parser.add_argument
-    add("--rounds", type=int, metavar="N", help="samples a contender, interleaved [default: 5]")
-    add("--seconds", type=float, metavar="S", help="least length of a sample of the machine [default: 2]")
+    add("--rounds", type=int, metavar="N", help="samples of each trainer, interleaved [default: 5]")
+    add("--seconds", type=float, metavar="S", help="minimum duration of a sample of the machine [default: 2]")
     add("--json", action="store_true", default=False, help="print JSON")
     arguments = vars(parser.parse_args(argv))
     as_json = arguments.pop("json")

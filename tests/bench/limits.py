@@ -1,4 +1,4 @@
-"""Bounds on the processor time of contenders: threads of linear algebra, and cores."""
+"""Limits of the processor time of trainers: threads of linear algebra, and cores."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def thread_limits(threads: int) -> dict[str, str]:
 
 @contextmanager
 def limited_to(threads: int) -> Iterator[None]:
-    """Let this process and those that it starts run on `threads` cores, where the system can do that.
+    """Limit this process and its children to `threads` cores, if the system supports it.
 
-    Variables and arguments do not reach everything: a contender may start processes of its own.
+    Variables and arguments do not limit everything: a trainer may start processes itself.
     """
     if not hasattr(os, "sched_setaffinity"):
         yield

@@ -1,4 +1,4 @@
-"""Trainings in turn: everybody in every round, in rotating order, and numbers that compare within a round."""
+"""Interleaved trainings: every round measures every trainer, in rotating order."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from dappo_batch.bench.measure import Missing, Spread, rotated
 
-from .entry import Entrant
+from .entry import Entry
 
 __all__ = ["Report", "Round", "Trainer", "measure_rounds", "ratios"]
 
-_PAUSE = 0.3  # s; threads of OpenMP go on spinning for a while when their work is done
+_PAUSE = 0.3  # s; threads of OpenMP keep spinning for a while after their work
 
 
 class Sample(Protocol):
-    """What a contender did in a round."""
+    """The measurement of a trainer in a round."""
 
     @property
     def rate(self) -> float:
-        """What is compared, per second."""
+        """The compared quantity per second."""
 
 
 R = TypeVar("R")
 S = TypeVar("S", bound=Sample)
 
 
-class Trainer(Entrant, ABC, Generic[S]):
-    """A contender that trains."""
+class Trainer(Entry, ABC, Generic[S]):
+    """An entry that trains."""
 
     @abstractmethod
     def train(self, amount: int) -> S:
-        """Train for `amount` iterations or epochs, none of which warms up."""
+        """Train for `amount` iterations or epochs, not counting a warm-up."""
 
 
 @dataclass(frozen=True)
 class Round(Generic[R, S]):
-    """A sample of everything, taken one after the other: the machine, and each contender by its key."""
+    """The samples of one round: the machine, and each trainer by its key."""
 
     machine: R
     samples: dict[str, S]
@@ -70,7 +70,7 @@ def measure_rounds(
 
 
 def ratios(rounds: Sequence[Round[R, S]], key: str, peers: Sequence[str]) -> dict[str, Spread]:
-    """Return a contender's rate in terms of each of the peers that was measured, compared round by round."""
+    """Return the ratios of a trainer's rate to those of the measured peers, round by round."""
     return {
         peer: Spread.of([one.samples[key].rate / one.samples[peer].rate for one in rounds])
         for peer in peers
@@ -80,16 +80,16 @@ def ratios(rounds: Sequence[Round[R, S]], key: str, peers: Sequence[str]) -> dic
 
 @dataclass(frozen=True)
 class Report(ABC):
-    """Everything that one call found.
+    """The results of one call.
 
     Attributes
     ----------
     machine : dict
         Processor, cores, load average before the first sample, versions.
     settings : dict
-        What was trained, how much of it a sample, seconds of a sample of the machine, rounds.
+        The training, the size of a sample, seconds of a sample of the machine, rounds.
     missing : tuple of Missing
-        The contenders that were not measured, and why.
+        The trainers that were not measured, with reasons.
     """
 
     machine: dict[str, Any]
@@ -97,11 +97,11 @@ class Report(ABC):
     missing: tuple[Missing, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it."""
+        """Return the report as a dictionary that can be written as JSON."""
         return asdict(self)
 
     def text(self) -> str:
-        """Return everything as a text for people."""
+        """Return the report as text."""
         *parts, bound = self.parts()
         return "\n\n".join(part for part in (*parts, "\n".join(map(str, self.missing)), bound) if part)
 

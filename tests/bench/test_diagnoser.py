@@ -1,4 +1,4 @@
-"""The benchmark of the diagnoser's training: both sides do the same work on the same data, and it says so."""
+"""The benchmark of the diagnoser's training: all trainers do the same work on the same data."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from dappo_batch import ConfigError, SimulationError
 from ..python.burnpack import read_burnpack
 from ..python.command_line import dappo_batch
 from . import diagnoser, rounds
+from .autotune import fastest
 from .commands import TrainingFailed
 from .diagnoser import report, torch_network, trainers
 from .diagnoser.__main__ import main
@@ -24,7 +25,6 @@ from .diagnoser.data import Dataset, collect
 from .diagnoser.task import Task
 from .diagnoser.trainers import Sample
 from .diagnoser.windows import Windows
-from .trial import fastest
 
 TIMESTEPS, ROLLOUTS = 6, 2
 PAPER = Task(1, 64, "data", 100, classes=33, timesteps=50, inputs=111)
@@ -113,7 +113,7 @@ def test_our_training_has_the_network_and_the_minibatches_of_the_task(task: Task
 
 
 @pytest.mark.parametrize(("minibatch", "steps"), [(64, 52), (256, 13), (3300, 1), (5000, 1), (1, 3300)])
-def test_an_epoch_is_cut_into_minibatches_as_near_to_their_size_as_possible(
+def test_an_epoch_is_split_into_minibatches_as_close_to_their_size_as_possible(
     minibatch: int, steps: int
 ) -> None:
     task = replace(PAPER, minibatch=minibatch)
@@ -131,7 +131,7 @@ def test_the_operations_of_a_sample_are_those_of_its_products() -> None:
     assert (task.samples, task.steps) == (12, 3)
     behind = 0
     for inputs, outputs in pairwise([2, 6, 5, 4]):
-        # Forwards, the gradient of the weights, and that of the inputs.
+        # Forward, the gradient of the weights, and that of the inputs.
         behind += product(1, inputs, outputs) + product(inputs, 1, outputs) + product(1, outputs, inputs)
     for _ in range(1, 5):  # the first step has no hidden state before it
         behind += product(1, 2, 8) + product(2, 1, 8) + product(1, 8, 2)
@@ -142,7 +142,7 @@ def test_the_operations_of_a_sample_are_those_of_its_products() -> None:
     assert task.folded_flops == product(5, 3, 8) + product(3, 5, 8) + behind + folding * 3 / 12
 
 
-def test_metrics_are_summed_up_without_the_first_epoch() -> None:
+def test_metrics_are_summarised_without_the_first_epoch() -> None:
     rows = [
         {"samples": 66 * epoch, "seconds": seconds, "train_loss": 4.0 - epoch}
         for epoch, seconds in enumerate([9.0, 0.5, 0.25], start=1)
@@ -150,14 +150,14 @@ def test_metrics_are_summed_up_without_the_first_epoch() -> None:
     sample = trainers.sample_of(tuple(rows))
     assert asdict(sample) == {"samples": 132, "seconds": 0.75, "loss": 1.0}
     assert sample.rate == 176.0
-    with pytest.raises(TrainingFailed, match="one epoch only"):
+    with pytest.raises(TrainingFailed, match="only one epoch"):
         trainers.sample_of(tuple(rows[:1]))
     with pytest.raises(TrainingFailed, match="seconds"):
         trainers.sample_of(({"samples": 1}, {"samples": 2}))
 
 
 class Pretended(trainers.Trainer):
-    """Takes as long as it is told."""
+    """Returns a given duration."""
 
     key = "pretended"
     about = "pretends"
@@ -172,7 +172,7 @@ class PretendedPeer(Pretended):
 
 
 def test_ratios_and_bounds_are_those_of_the_same_round() -> None:
-    # A machine that gets slower from round to round, which changes nothing in any ratio.
+    # The machine gets slower from round to round, which does not change the ratios.
     turns = [
         report.Round(
             1e10 / slowness,
@@ -191,7 +191,7 @@ def test_ratios_and_bounds_are_those_of_the_same_round() -> None:
     assert asdict(own.over_bound) == pytest.approx(dict.fromkeys(("median", "low", "high"), best / 3300.0))
 
 
-class Products:
+class SgemmBenchmark:
     """Rates without measuring."""
 
     note = "pretended BLAS"
@@ -210,27 +210,27 @@ class Absent(trainers.Torch):
 
 @pytest.fixture
 def pretended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Measure nothing, and let PyTorch be absent."""
+    """Replace the measurements, and hide PyTorch."""
     monkeypatch.setattr(rounds, "_PAUSE", 0.0)
-    monkeypatch.setattr(diagnoser, "Products", Products)
+    monkeypatch.setattr(diagnoser, "SgemmBenchmark", SgemmBenchmark)
     monkeypatch.setattr(diagnoser, "TRAINERS", (Pretended, Absent))
     monkeypatch.setattr(diagnoser, "collect", lambda *_: Dataset(Path("nowhere"), 33, 111))
 
 
 @pytest.mark.usefixtures("pretended")
-def test_every_cell_is_measured_and_an_absent_pytorch_named_once() -> None:
-    said: list[str] = []
-    found = diagnoser.run(minibatches=[64, 256], threads=[1, 2], rounds=2, epochs=3, progress=said.append)
+def test_every_cell_is_measured_and_a_missing_pytorch_is_reported_once() -> None:
+    messages: list[str] = []
+    found = diagnoser.run(minibatches=[64, 256], threads=[1, 2], rounds=2, epochs=3, progress=messages.append)
     cells = [(cell.threads, cell.minibatch) for cell in found.cells]
     assert cells == [(1, 64), (1, 256), (2, 64), (2, 256)]
     assert [cell.results[0].rate.median for cell in found.cells] == [3 * 3300 / 0.5] * 4
     (missing,) = found.missing
     assert (missing.key, missing.install) == ("torch", "pip install torch")
-    assert "1 threads, minibatch 256, round 2 of 2: pretended" in said
+    assert "1 threads, minibatch 256, round 2 of 2: pretended" in messages
 
 
 @pytest.mark.usefixtures("pretended")
-def test_the_text_and_the_json_name_the_machine_the_work_and_the_numbers(
+def test_the_text_and_the_json_contain_the_machine_the_task_and_the_results(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     arguments = ["--robot", "ant", "--minibatch", "64", "--threads", "2", "--timesteps", "50"]
@@ -269,19 +269,19 @@ def test_the_text_and_the_json_name_the_machine_the_work_and_the_numbers(
         ({"robot": "unicorn"}, "unknown robot"),
     ],
 )
-def test_wrong_arguments_are_refused_by_name(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_rejected_by_name(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         diagnoser.run(**arguments)
 
 
-def test_a_training_that_fails_and_data_that_cannot_be_made_say_why(tmp_path: Path) -> None:
+def test_a_failed_training_or_collection_is_an_error_with_its_reason(tmp_path: Path) -> None:
     with pytest.raises(SimulationError, match=r"(?s)ours: .*dataset\.json"):
         trainers.Ours(replace(PAPER, data=str(tmp_path / "nothing"))).train(1)
-    with pytest.raises(SimulationError, match=r"(?s)the dataset cannot be made: .*unicorn"):
+    with pytest.raises(SimulationError, match=r"(?s)the dataset cannot be collected: .*unicorn"):
         collect("unicorn", 2, 5, 1, tmp_path)
 
 
-def test_the_fastest_of_several_choices_is_left_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fastest_of_several_choices_is_applied(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, chosen = [0.0], ["b"]
     seconds = {"a": 3.0, "b": 1.0, "c": 2.0}
 
@@ -347,13 +347,13 @@ def test_pytorch_counts_the_same_operations(task: Task, monkeypatch: pytest.Monk
     torch: Any = pytest.importorskip("torch")
     counter = pytest.importorskip("torch.utils.flop_counter")
     program, rows = torch_network.TorchDiagnoser(task), task.samples // task.steps
-    monkeypatch.setattr(torch.backends.mkldnn, "enabled", False)  # what oneDNN does is not counted
+    monkeypatch.setattr(torch.backends.mkldnn, "enabled", False)  # operations in oneDNN are not counted
     found = []
     for kind in NETWORKS:
         with counter.FlopCounterMode(display=False) as counted:
             program.loss(kind(task), np.arange(rows)).backward()
         found.append(counted.get_total_flops())
-    # PyTorch multiplies the zeros before the first step too, but does not count the folded bias.
+    # PyTorch also multiplies the zeros before the first step, but does not count the folded bias.
     first = rows * 2 * product(1, task.lstm, 4 * task.lstm)
     bias = 3 * product(1, task.embedding, 4 * task.lstm)
     expected = [rows * task.plain_flops + first, rows * task.folded_flops + first - bias]
@@ -366,7 +366,7 @@ def test_pytorch_counts_the_same_operations(task: Task, monkeypatch: pytest.Monk
 def test_pytorch_trains_on_as_many_samples_and_learns(kind: type[trainers.Torch], task: Task) -> None:
     pytest.importorskip("torch")
     trainer = kind(task)
-    assert "oneDNN, as the faster setting in a trial" in trainer.note
+    assert "oneDNN, the faster setting" in trainer.note
     first, later = trainer.train(1), trainer.train(20)
     assert (first.samples, later.samples) == (task.samples, 20 * task.samples)
     assert later.loss < first.loss < 5.0

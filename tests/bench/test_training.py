@@ -1,4 +1,4 @@
-"""The benchmark of training counts what it says, leaves nobody out silently, and compares within a round."""
+"""The benchmark of training counts operations, reports missing trainers, and compares within a round."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dappo_batch import ConfigError, SimulationError
-from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.simulators import Unavailable
 
-from . import products, rounds, training
+from . import matmul, rounds, training
 from .commands import TrainingFailed, TrainingRun
 from .limits import limited_to, thread_limits
 from .training import bound, envpool_torch, report, trainers
@@ -31,7 +31,7 @@ TINY = Task(threads=1, num_envs=2, horizon=16)
 def counted_product(
     left: NDArray[np.float64], right: NDArray[np.float64], counts: list[int]
 ) -> NDArray[np.float64]:
-    """Return left @ right, computed number by number, and note every multiplication and addition."""
+    """Return left @ right, computed entry by entry, and count every multiplication and addition."""
     out = np.zeros((left.shape[0], right.shape[1]))
     for row, inner in np.ndindex(*left.shape):
         out[row] += left[row, inner] * right[inner]
@@ -55,7 +55,7 @@ def test_a_pass_takes_the_operations_of_the_products_of_backpropagation(sizes: l
             gradient = counted_product(gradient, weights[index].T, counts)
     assert sum(counts) == rows * pass_flops(sizes)
 
-    # These products are indeed those of the gradient.
+    # Check that these products are those of the gradient.
     def output(first: float) -> float:
         value, (top, *others) = layers[0], weights
         top = top.copy()
@@ -89,7 +89,7 @@ def metrics(iteration: int, epochs: int, rollout: float, update: float) -> dict[
     }
 
 
-def test_a_run_folder_is_summed_up_without_its_first_iteration(tmp_path: Path) -> None:
+def test_a_run_folder_is_summarised_without_its_first_iteration(tmp_path: Path) -> None:
     write_run(tmp_path, [metrics(1, 10, 9.0, 9.0), metrics(2, 10, 0.5, 1.0), metrics(3, 7, 0.25, 2.0)])
     sample = trainers.sample_of(TrainingRun.read(tmp_path))
     assert (sample.iterations, sample.env_steps) == (2, 64)
@@ -100,20 +100,20 @@ def test_a_run_folder_is_summed_up_without_its_first_iteration(tmp_path: Path) -
     assert sample.update_flops == 17 * 32 * policy + 2 * 3 * 64 * value
 
 
-def test_a_run_of_one_iteration_has_nothing_to_measure(tmp_path: Path) -> None:
+def test_a_run_of_one_iteration_is_an_error(tmp_path: Path) -> None:
     write_run(tmp_path, [metrics(1, 10, 1.0, 1.0)])
-    with pytest.raises(TrainingFailed, match="one iteration only"):
+    with pytest.raises(TrainingFailed, match="only one iteration"):
         trainers.sample_of(TrainingRun.read(tmp_path))
 
 
-def test_a_run_that_lacks_a_number_is_named(tmp_path: Path) -> None:
+def test_a_metric_that_a_run_lacks_is_in_the_error(tmp_path: Path) -> None:
     write_run(tmp_path, [{"iteration": 1, "env_steps": 32}, {"iteration": 2, "env_steps": 64}])
     with pytest.raises(TrainingFailed, match="epochs_run"):
         trainers.sample_of(TrainingRun.read(tmp_path))
 
 
 class Pretended(trainers.Trainer):
-    """Takes as long as it is told."""
+    """Returns a given duration."""
 
     key = "pretended"
     about = "pretends"
@@ -139,7 +139,7 @@ def rates(sgemm: float, mj_step: float) -> bound.Rates:
 def test_ratios_and_bounds_are_those_of_the_same_round() -> None:
     ours, peer = Pretended(TINY), PretendedPeer(TINY)
     turns = []
-    # A machine that gets slower from round to round, which changes nothing in any ratio.
+    # The machine gets slower from round to round, which does not change the ratios.
     for slowness in (1.0, 2.0, 8.0):
         samples = {
             "pretended": Sample(2, 64, 1.0 * slowness, 3.0 * slowness, 6e9),
@@ -177,7 +177,7 @@ class Machine:
         self.closed = True
 
 
-def test_absent_packages_are_reported_with_their_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_packages_are_reported_with_their_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "TRAINERS", (Pretended, Absent))
     monkeypatch.setattr(training, "Machine", Machine)
     found = training.run(num_envs=2, horizon=8, threads=1, iterations=3, rounds=2)
@@ -194,10 +194,10 @@ def test_absent_packages_are_reported_with_their_command(monkeypatch: pytest.Mon
 
 def test_rounds_rotate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rounds, "_PAUSE", 0.0)
-    said: list[str] = []
+    messages: list[str] = []
     both = [Pretended(TINY), PretendedPeer(TINY)]
-    found = rounds.measure_rounds(Machine(TINY).measure, both, 3, 2, 0.1, said.append)
-    assert [line.split(": ")[1] for line in said if "machine" not in line] == [
+    found = rounds.measure_rounds(Machine(TINY).measure, both, 3, 2, 0.1, messages.append)
+    assert [line.split(": ")[1] for line in messages if "machine" not in line] == [
         *("pretended", "sb3"),
         *("sb3", "pretended"),
     ]
@@ -216,12 +216,12 @@ def test_rounds_rotate(monkeypatch: pytest.MonkeyPatch) -> None:
         ({"seconds": float("inf")}, "seconds must be above 0"),
     ],
 )
-def test_wrong_arguments_are_refused_by_name(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_rejected_by_name(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         training.run(**arguments)
 
 
-def test_the_command_line_names_its_arguments_as_run_does(
+def test_the_command_line_has_the_arguments_of_run(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(training, "TRAINERS", (Pretended, Absent))
@@ -250,9 +250,9 @@ def test_advantages_are_discounted_sums_of_errors_within_an_episode() -> None:
     for step, env in np.ndindex(steps, envs):
         expected = 0.0
         for later in range(step, steps):
-            goes_on = not rollout.terminated[later, env]
+            continues = not rollout.terminated[later, env]
             error = rollout.rewards[later, env] - rollout.values[later, env]
-            error += gamma * goes_on * rollout.values[later + 1, env]
+            error += gamma * continues * rollout.values[later + 1, env]
             expected += (gamma * lambda_) ** (later - step) * error
             if rollout.ended[later, env]:
                 break
@@ -268,7 +268,7 @@ class Doubler:
     def answer(self, number):
         print("more chatter")
         if number < 0:
-            sys.exit("cannot go on")
+            sys.exit("cannot continue")
         return {"twice": 2 * number}
     def close(self):
         pass
@@ -280,18 +280,18 @@ class Broken:
 
 @pytest.fixture
 def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Make a module that a worker can import."""
+    """Write a module that a worker can import."""
     (tmp_path / "programs_of_a_test.py").write_text(PROGRAM)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     return "programs_of_a_test"
 
 
-def test_a_worker_answers_and_its_chatter_is_not_taken_for_answers(program: str) -> None:
+def test_a_worker_answers_and_its_other_output_is_not_part_of_the_answer(program: str) -> None:
     worker = Worker(f"{program}:Doubler", TINY)
     assert worker.note == "2 envs"
     assert worker.ask(3) == {"twice": 6.0}
     assert worker.ask(4) == {"twice": 8.0}
-    with pytest.raises(WorkerFailed, match=r"(?s)exit code 1.*cannot go on") as caught:
+    with pytest.raises(WorkerFailed, match=r"(?s)exit code 1.*cannot continue") as caught:
         worker.ask(-1)
     assert "chatter" in str(caught.value)
     worker.close()
@@ -307,20 +307,20 @@ def test_a_peer_that_cannot_start_is_unavailable_and_one_that_fails_is_an_error(
     with pytest.raises(Unavailable, match=r"libmissing\.so"):
         OfATest(TINY)
     monkeypatch.setattr(OfATest, "program", f"{program}:Doubler")
-    monkeypatch.setattr(trainers, "Sample", dict)  # the answer of this program is no sample
+    monkeypatch.setattr(trainers, "Sample", dict)  # the answer of this program is not a sample
     peer = OfATest(TINY)
-    with pytest.raises(SimulationError, match=r"(?s)sb3: .*cannot go on"):
+    with pytest.raises(SimulationError, match=r"(?s)sb3: .*cannot continue"):
         peer.train(-1)
 
 
-def test_matrix_products_are_counted_as_such() -> None:
-    found = products.Sgemm(products.Threads(1))
+def test_operations_of_matrix_multiplications_are_counted() -> None:
+    found = matmul.Sgemm(matmul.Threads(1))
     assert 1e8 < found.answer(0.05)["flops"] < 1e14
     assert np.__version__ in found.note
     np.testing.assert_allclose(found._out, found._left @ found._right, atol=1e-3)
 
 
-def test_cores_are_limited_for_a_while_and_pools_by_variables() -> None:
+def test_cores_are_limited_temporarily_and_thread_pools_by_variables() -> None:
     if not hasattr(os, "sched_getaffinity"):
         pytest.skip("this system does not bind processes to cores")
     before = os.sched_getaffinity(0)

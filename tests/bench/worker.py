@@ -1,7 +1,7 @@
-"""A contender in a process of its own: it works when asked, and waits at a pipe while others are measured.
+"""A trainer in a separate process, which waits at a pipe while others are measured.
 
-It makes a `Program` and then answers each line of its standard input, a number, with a line of JSON. It ends
-with its input.
+It creates a `Program` and then answers each line of its standard input, a number, with a line of JSON. It
+exits at the end of its input.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 class Work(Protocol):
-    """What a program is made with: a dataclass of what JSON can hold."""
+    """The settings of a program: a dataclass that can be written as JSON."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -36,25 +36,25 @@ class Work(Protocol):
 
 
 class Program(Protocol):
-    """What runs inside of a worker.
+    """A program that runs in a worker.
 
     Attributes
     ----------
     note : str
-        Versions, and what else should be known about this run.
+        Versions and other remarks on this measurement.
     """
 
     note: str
 
     def answer(self, number: float) -> dict[str, Any]:
-        """Do a piece of work of the size `number` and say what it was."""
+        """Do work of the size `number` and return its measurements."""
 
     def close(self) -> None:
         """Free processes and memory."""
 
 
 class WorkerFailed(Exception):
-    """A worker ended by itself; the text holds what it said last."""
+    """A worker exited; the text contains the end of its output."""
 
 
 class Worker:
@@ -65,17 +65,17 @@ class Worker:
     program : str
         Module and class of the `Program`, joined by a colon.
     task : Work
-        What it is made with.
+        Settings of the program.
 
     Raises
     ------
     WorkerFailed
-        If the program cannot be made.
+        If the program cannot start.
     """
 
     def __init__(self, program: str, task: Work) -> None:
-        # A file and not a pipe: nobody reads while it works, and a full pipe would stop it.
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (lives as long as the worker)
+        # A file and not a pipe, which would block when full.
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 (lives as long as the worker)
         command = [sys.executable, "-m", "tests.bench.worker", program, _name(type(task))]
         self._process = subprocess.Popen(
             [*command, json.dumps(asdict(task))],
@@ -83,7 +83,7 @@ class Worker:
             env={**os.environ, **thread_limits(task.threads)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._said,
+            stderr=self._stderr,
             text=True,
         )
         try:
@@ -93,9 +93,9 @@ class Worker:
             raise
 
     def ask(self, number: float) -> dict[str, Any]:
-        """Have a piece of work of the size `number` done and return what the program says about it."""
+        """Let the program do work of the size `number`, and return its answer."""
         assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # reading will tell
+        with contextlib.suppress(BrokenPipeError):  # reading raises
             print(number, file=self._process.stdin, flush=True)
         return self._read()
 
@@ -106,12 +106,12 @@ class Worker:
             answer: dict[str, Any] = json.loads(line)
             return answer
         code = self._process.wait()
-        self._said.seek(0)
-        said = self._said.read().decode(errors="replace").strip()
-        raise WorkerFailed(f"its process ended with exit code {code}: {said[-500:] or 'it said nothing'}")
+        self._stderr.seek(0)
+        output = self._stderr.read().decode(errors="replace").strip()
+        raise WorkerFailed(f"its process ended with exit code {code}: {output[-500:] or 'no output'}")
 
     def close(self) -> None:
-        """Let the process end; a second call does nothing."""
+        """End the process; a second call does nothing."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 with contextlib.suppress(BrokenPipeError):
@@ -121,24 +121,24 @@ class Worker:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._said.close()
+        self._stderr.close()
 
 
 def _name(kind: type) -> str:
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
-def _named(name: str) -> Any:  # noqa: ANN401 (whatever it is)
+def _load(name: str) -> Any:  # noqa: ANN401 (any attribute)
     module, _, attribute = name.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
 def main(program: str, kind: str, task: str) -> None:
-    """Be the worker."""
-    # Libraries print what they like; only answers may reach the other side.
+    """Run a worker."""
+    # Libraries may print to standard output, which carries only answers.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    served: Program = _named(program)(_named(kind)(**json.loads(task)))
+    served: Program = _load(program)(_load(kind)(**json.loads(task)))
     try:
         print(json.dumps({"note": served.note}), file=answers, flush=True)
         for line in sys.stdin:

@@ -1,7 +1,7 @@
-"""``python -m tests.gpu``: whether a machine's GPU computes what it should, and how fast.
+"""``python -m tests.gpu``: correctness and speed of the GPU backend on this machine.
 
-It needs the extra ``gpu`` and no network. Phases run in order; those that no longer fit into the time are
-skipped and named. What they find is printed and kept in ``findings.json``.
+It needs the extra ``gpu`` and no network. Phases run in order; those for which no time is left are reported
+as skipped. Findings are printed and written to ``findings.json``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .scale import SCALES, Scale
 
 
 class Check:
-    """The findings so far, on disk after every phase, so that a kill loses nothing.
+    """The findings so far, which are written to a file after every phase.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Check:
         return self._end - time.monotonic()
 
     def phase(self, name: str, work: Callable[[], Any]) -> None:
-        """Run a phase if there is time, print what it finds, and go on whatever happens."""
+        """Run a phase if there is time, and print its findings; exceptions are findings too."""
         start = time.monotonic()
         if self.left <= 0.0:
             found: Any = {"skipped": "no time left"}
@@ -53,7 +53,7 @@ class Check:
             try:
                 found = work()
             except Exception as error:
-                # One broken phase must not hide what the others find.
+                # An exception in one phase must not stop the others.
                 found = {"ok": False, "error": devices.explain(error), "trace": traceback.format_exc()}
         self.findings[name] = found
         self._path.write_text(json.dumps(self.findings, indent=2) + "\n")
@@ -64,7 +64,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether no phase failed; skipped ones have not."""
+        """Whether no phase failed; skipped phases do not count as failed."""
         return all(found.get("ok", True) for found in self.findings.values() if isinstance(found, dict))
 
 
@@ -121,7 +121,7 @@ def main(argv: list[str] | None = None) -> int:
         check.phase("graph", lambda: correctness.graph(scale))
         check.phase("physics", lambda: correctness.physics(scale))
         check.phase("decisions", lambda: correctness.decisions(device))
-        # The training comes before the tests, which take what is left.
+        # The training runs before the tests, which use the remaining time.
         reserved = 0.4 * check.left
         check.phase("speed", lambda: list(speed.speed(scale, lambda: check.left > reserved)))
         run = arguments.out / f"run-{time.time():.0f}"

@@ -1,4 +1,4 @@
-"""What must hold on every device: graphs replay what single launches do, and the physics is MuJoCo's."""
+"""Checks of correctness on every device: graphs equal single launches, and the physics equals MuJoCo's."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def graph(scale: Scale) -> dict[str, Any]:
     -------
     dict
         ``bit_equal``, and ``differences``: the largest difference of every buffer that differs. On a GPU the
-        order of atomic additions may change last bits, so a difference is a finding and no failure.
+        order of atomic additions may change the last bits, so a difference is a finding and not a failure.
     """
     captured = collector(Task.of(compile_class_table("ant", physics="euler")), 8, 6, scale.hidden)
     worlds, rollout = captured.worlds, captured.rollout
@@ -61,7 +61,7 @@ def graph(scale: Scale) -> dict[str, Any]:
 
 
 def physics(scale: Scale) -> dict[str, Any]:
-    """Compare trajectories of 100 substeps with elliptic cones with MuJoCo's.
+    """Compare trajectories of 100 substeps with those of MuJoCo, with elliptic cones.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def physics(scale: Scale) -> dict[str, Any]:
 
 
 def decisions(device: str) -> dict[str, Any]:
-    """Compare episodes and decisions at the start of a training with those of the CPU's backend."""
+    """Compare episodes and actions at the start of a training with those of the CPU backend."""
     settings: dict[str, Any] = {"num_envs": 64, "physics": "euler", "set": {"horizon": 1, "ppo.hidden": [32]}}
     host = collect_rollout(device="cpu", **settings)
     got = collect_rollout(device=device, **settings)
@@ -85,7 +85,7 @@ def decisions(device: str) -> dict[str, Any]:
 
 
 def _elliptic(robot: str) -> ClassTable:
-    """Compile a robot with the friction cones that both engines treat alike."""
+    """Compile a robot with elliptic friction cones, which are the same in both engines."""
     table = compile_class_table(robot)
     for model in table.models:
         model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -115,7 +115,7 @@ def _trajectory_error(table: ClassTable) -> float:
     worlds.set_state(qpos, qvel)
     for row in actions:
         worlds.step(wp.array(row))
-    worlds.check_room()
+    worlds.raise_on_overflow()
     expected = [
         _by_mujoco(table.models[number], qpos[env], qvel[env], ctrl[:, env], task)
         for env, number in enumerate(classes)

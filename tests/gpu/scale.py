@@ -1,4 +1,4 @@
-"""How large a check is: a GPU gets real work, a CPU the same in miniature."""
+"""Sizes of the check: realistic ones for a GPU, the same in miniature for a CPU."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Scale:
     Attributes
     ----------
     device : str
-        The device as Warp names it.
+        Name of the device in Warp.
     num_envs : tuple of int
-        Batch sizes that are timed.
+        Timed batch sizes.
     robots, integrators : tuple of str
-        What is timed.
+        Timed robots and integrators.
     horizon : int
         Env steps of a timed rollout.
     rollouts : int
@@ -30,9 +30,9 @@ class Scale:
     training : tuple of str
         Arguments of ``dappo-batch train``.
     forward_reward : float
-        What the training is to reach; it is stopped there.
+        Forward reward at which the training is stopped.
     tests : str
-        Tests that run, as pytest's ``-k`` has it; empty for all.
+        Selected tests, an argument of pytest's ``-k``; empty for all.
     """
 
     device: str

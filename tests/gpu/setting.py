@@ -1,4 +1,4 @@
-"""Worlds with a policy that has learned nothing, for the phases of the check."""
+"""Worlds with an untrained policy, for the phases of the check."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def device_arrays(rollout: Rollout) -> dict[str, wp.array]:
 
 
 def _weights(sizes: Sequence[int], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return random matrices that keep units from saturating, and biases of 0, one layer after the other."""
+    """Return flat weights: random matrices, small enough that units do not saturate, and biases of 0."""
     parts = [
         part
         for inputs, outputs in itertools.pairwise(sizes)

@@ -1,4 +1,4 @@
-"""Env steps per second of the captured step, and where its time goes."""
+"""Env steps per second of the captured step, and the time of its parts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["speed"]
 
 
 def speed(scale: Scale, has_time: Callable[[], bool]) -> Iterator[dict[str, Any]]:
-    """Time every robot, integrator and batch size, one row each, while there is time.
+    """Time every robot, integrator and batch size while there is time, with one row for each.
 
     Yields
     ------
@@ -42,7 +42,7 @@ def speed(scale: Scale, has_time: Callable[[], bool]) -> Iterator[dict[str, Any]
                 task = task or Task.of(compile_class_table(robot, physics=integrator))
                 try:
                     yield row | _measure(task, num_envs, scale)
-                except RuntimeError as error:  # most of all, too little memory
+                except RuntimeError as error:  # usually too little memory
                     yield row | {"skipped": f"{type(error).__name__}: {error}"}
                 gc.collect()
 
@@ -98,12 +98,12 @@ def _seconds(work: Callable[[], Any]) -> float:
 
 
 def _parts(captured: CapturedStep) -> list[Any]:
-    """Capture the policy of a step and its physics apart; they leave rewards and episodes alone."""
+    """Capture the policy and the physics of a step separately, without rewards and episodes."""
     worlds, policy, rollout = captured.worlds, captured.policy, captured.rollout
 
     def act() -> None:
         policy.act(worlds.obs, worlds.episodes.key, rollout.step)
-        policy.evaluate(worlds.endings.final_obs, worlds.endings.truncated)
+        policy.evaluate(worlds.episode_ends.final_obs, worlds.episode_ends.truncated)
 
     graphs = []
     for part in (act, lambda: worlds.advance(policy.actions)):

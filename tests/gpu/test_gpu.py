@@ -18,18 +18,18 @@ PHASES = ["machine", "graph", "physics", "decisions", "speed", "training", "test
 
 
 def findings(out: Path) -> dict[str, Any]:
-    """Read what a check has left behind."""
+    """Read the findings of a check."""
     found: dict[str, Any] = json.loads((out / "findings.json").read_text())
     assert list(found) == PHASES
     return found
 
 
-def test_phases_for_which_no_time_is_left_are_skipped_and_named(tmp_path: Path) -> None:
+def test_phases_for_which_no_time_is_left_are_reported_as_skipped(tmp_path: Path) -> None:
     assert main(["--device", "warp-cpu", "--out", str(tmp_path), "--minutes", "0"]) == 0
     assert findings(tmp_path) == {phase: {"skipped": "no time left"} for phase in PHASES}
 
 
-def test_a_machine_without_a_gpu_is_told_so(
+def test_a_machine_without_a_gpu_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(devices, "_has_driver", lambda: False)

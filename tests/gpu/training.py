@@ -1,4 +1,4 @@
-"""One training of the Ant on the device, and the tests of the kernels: programs of their own."""
+"""A training of the Ant on the device, and the tests of the kernels, in separate processes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _KERNEL_TESTS = Path(__file__).parent.parent / "kernels"
 
 
 def training(scale: Scale, device: str, run: Path, seconds: float) -> dict[str, Any]:
-    """Train until the budget is spent, the reward is reached or the time is over.
+    """Train until the budget, the reward or the time limit is reached.
 
     Returns
     -------
     dict
         ``env_steps``, ``seconds``, ``rollout_seconds``, ``update_seconds``, ``forward_reward`` (the last),
-        ``reached`` (env steps and seconds at which `Scale.forward_reward` was), ``diverged``.
+        ``reached`` (env steps and seconds until `Scale.forward_reward`), ``diverged``.
     """
     metrics = run / "metrics.jsonl"
     flags = ("--device", device, "--run", str(run), *scale.training)
@@ -69,7 +69,7 @@ def _reached(lines: list[dict[str, Any]], reward: float, seconds: float) -> dict
 
 
 def kernel_tests(scale: Scale, seconds: float) -> dict[str, Any]:
-    """Run the tests of the kernels on the device; without pytest they are skipped."""
+    """Run the tests of the kernels on the device, if pytest is installed."""
     if importlib.util.find_spec("pytest") is None:
         return {"skipped": "pytest is not installed"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(_KERNEL_TESTS)]
@@ -80,7 +80,7 @@ def kernel_tests(scale: Scale, seconds: float) -> dict[str, Any]:
             command, env=environment, capture_output=True, text=True, timeout=seconds, check=False
         )
     except subprocess.TimeoutExpired:
-        return {"skipped": f"the tests did not end within {seconds:.0f} s"}
+        return {"skipped": f"the tests took longer than {seconds:.0f} s"}
     lines = done.stdout.strip().splitlines()
     failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
     return {

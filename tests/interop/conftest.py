@@ -1,4 +1,4 @@
-"""What the tests of third-party programs share."""
+"""Fixtures of the tests of third-party programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_torch_thread() -> Iterator[None]:
-    """Compute small networks with one thread: more of them only wait for each other."""
+    """Limit PyTorch to one thread, the fastest setting for small networks."""
     if "torch" not in sys.modules:
         yield
         return

@@ -1,4 +1,4 @@
-"""Runs a third-party program as a process of its own."""
+"""Runs a third-party program in a separate process."""
 
 from __future__ import annotations
 

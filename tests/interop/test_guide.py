@@ -1,4 +1,4 @@
-"""What the guide to other learners tells the reader to write runs."""
+"""The examples of the guide to other learners run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The programs behind the adaptors stay optional."""
+"""The libraries of the adaptors are optional."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sweep on a Ray cluster of several nodes, one of which is lost on the way."""
+"""A sweep on a Ray cluster of several nodes, one of which is lost during the sweep."""
 
 from __future__ import annotations
 

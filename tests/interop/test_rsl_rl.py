@@ -46,7 +46,7 @@ def joined(groups: Any) -> np.ndarray:  # noqa: ANN401
 
 
 @pytest.mark.parametrize(("actor", "inputs"), [(ALL, 119), (["robot"], 111)], ids=["aware", "unaware"])
-def test_the_runner_learns_with_a_policy_that_sees_the_damage_code_or_does_not(
+def test_the_runner_learns_with_and_without_the_damage_code_in_the_policy(
     ant_table: ClassTable, tmp_path: Path, actor: list[str], inputs: int
 ) -> None:
     envs = adapted(ant_table, max_episode_steps=5)
@@ -88,7 +88,7 @@ def test_transitions_equal_those_of_the_native_vector_env(nervous_tables: dict[s
     assert timed_out > 10
 
 
-def test_an_episode_that_the_runner_lets_begin_late_times_out_earlier(ant_table: ClassTable) -> None:
+def test_an_episode_that_the_runner_shortens_times_out_earlier(ant_table: ClassTable) -> None:
     envs = adapted(ant_table, max_episode_steps=6)
     envs.episode_length_buf = torch.tensor([5, 0, 4, 0])
     ends = []

@@ -71,7 +71,7 @@ def test_transitions_equal_those_of_dummy_vec_env_over_single_envs(
     assert ours.seed(3) == theirs.seed(3)
     rng = np.random.default_rng(0)
     fell = timed_out = 0
-    for reset in range(2):  # with the seeds, then going on with the streams
+    for reset in range(2):  # with the seeds, then with the continued streams
         assert_identical(ours.reset(), theirs.reset(), f"reset {reset}")
         assert ours.reset_infos == theirs.reset_infos
         for step in range(STEPS):

@@ -1,4 +1,4 @@
-"""skrl's own wrapper takes the vector env as it is, and its PPO trains on it."""
+"""skrl's wrapper accepts the vector env, and its PPO trains on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sweep by way of submitit, whose local executor starts the jobs as Slurm would."""
+"""A sweep with submitit, whose local executor starts jobs as on Slurm."""
 
 from __future__ import annotations
 

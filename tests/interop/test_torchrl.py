@@ -1,4 +1,4 @@
-"""torchrl's own wrapper takes the single env and the vector env as they are."""
+"""torchrl's wrapper accepts the single env and the vector env."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Philox4x32-10 in plain Python and NumPy, written from the paper: what the kernels are compared with."""
+"""Philox4x32-10 in plain Python and NumPy, written from the paper: the reference for the kernels."""
 
 from __future__ import annotations
 

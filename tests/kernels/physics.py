@@ -1,4 +1,4 @@
-"""Made-up results of the physics, and the same as arrays of Warp."""
+"""Random results of the physics, as NumPy and as Warp arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float32]
 
 
 class Physics(NamedTuple):
-    """What a step leaves behind, for N worlds."""
+    """State of N worlds after a step."""
 
     qpos: Array  # [N, nq]
     qvel: Array  # [N, nv]
@@ -27,7 +27,7 @@ class Physics(NamedTuple):
 
     @classmethod
     def random(cls, task: Task, count: int, rng: np.random.Generator) -> Physics:
-        """Draw numbers of every sign and size; half of all bodies and sensors touch nothing."""
+        """Draw numbers of every sign and size; half of the bodies and sensors are not in contact."""
         model = task.models[0]
 
         def normal(*shape: int) -> Array:
@@ -46,7 +46,7 @@ class Physics(NamedTuple):
         )
 
     def on_device(self) -> SimpleNamespace:
-        """Return arrays named and typed as those of ``mjw.Data``."""
+        """Return the arrays as those of ``mjw.Data``."""
         kinds = {"cfrc_ext": wp.spatial_vector, "xpos": wp.vec3}
         arrays = {
             name: wp.array(value, dtype=kinds.get(name, wp.float32)) for name, value in self._asdict().items()

@@ -1,4 +1,4 @@
-"""Rollouts of the captured step: bit for bit those of single launches, and what NumPy makes of them."""
+"""Rollouts of the captured step: bit-identical to single launches, and compared with NumPy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BUFFERS = (
 
 @pytest.fixture(scope="module")
 def captured() -> CapturedStep:
-    """Capture a step of Ants that stay within narrow heights, so that episodes end in every way.
+    """Capture a step of Ants that stay within narrow heights, so that episodes end for every reason.
 
     The integrator is the one that takes the fewest launches.
     """
@@ -48,19 +48,19 @@ def captured() -> CapturedStep:
 
 
 def buffers(rollout: Rollout) -> dict[str, NDArray[np.generic]]:
-    """Return copies of all that a learner reads."""
+    """Return copies of all buffers that a learner reads."""
     return {name: getattr(rollout, name).numpy().copy() for name in BUFFERS}
 
 
 def begin(captured: CapturedStep) -> None:
-    """Start all over, with poisoned buffers."""
+    """Reset everything, and fill the buffers with wrong values."""
     captured.worlds.reset(keys=KEYS)
     for name in BUFFERS:
         array = getattr(captured.rollout, name)
         array.fill_(np.nan if array.dtype == wp.float32 else 1)
 
 
-def test_launches_captures_and_replays_give_the_same_bits(captured: CapturedStep) -> None:
+def test_launches_captures_and_replays_are_bit_identical(captured: CapturedStep) -> None:
     begin(captured)
     captured.rollout.row.zero_()
     captured.rollout.step.assign(np.array([1000], dtype=np.uint64))
@@ -82,7 +82,7 @@ def test_launches_captures_and_replays_give_the_same_bits(captured: CapturedStep
     assert len(np.unique(eager["damage_class"])) > 2
 
 
-def test_a_rollout_goes_on_where_the_last_one_ended(captured: CapturedStep) -> None:
+def test_a_rollout_continues_where_the_last_one_ended(captured: CapturedStep) -> None:
     begin(captured)
     first = buffers(captured.collect(first_step=0))
     second = buffers(captured.collect(first_step=HORIZON))
@@ -102,7 +102,7 @@ def test_a_rollout_goes_on_where_the_last_one_ended(captured: CapturedStep) -> N
     np.testing.assert_array_equal(first["last_values"][:, 0], second["values"][0])
 
 
-def test_final_values_are_kept_where_the_time_limit_alone_ended_the_episode(captured: CapturedStep) -> None:
+def test_final_values_are_recorded_only_for_truncated_episodes(captured: CapturedStep) -> None:
     begin(captured)
     rollout = buffers(captured.collect(first_step=7))
     cut = rollout["truncated"] & ~rollout["terminated"]
@@ -114,7 +114,9 @@ def test_final_values_are_kept_where_the_time_limit_alone_ended_the_episode(capt
     assert (rollout["final_values"][:-1][cut[:-1]] != following).all()
 
 
-def test_new_weights_and_class_distributions_act_without_a_new_capture(captured: CapturedStep) -> None:
+def test_new_weights_and_class_distributions_take_effect_without_a_new_capture(
+    captured: CapturedStep,
+) -> None:
     begin(captured)
     before = buffers(captured.collect(first_step=0))
     parameters = captured.policy.actor.parameters
@@ -138,7 +140,7 @@ def test_a_policy_whose_actions_are_not_finite_is_an_error(captured: CapturedSte
     log_std = captured.policy.log_std.numpy().copy()
     captured.policy.log_std.fill_(np.nan)
     try:
-        expected = f"hold {HORIZON * COUNT * 8} numbers that are not finite"
+        expected = f"contain {HORIZON * COUNT * 8} numbers that are not finite"
         with pytest.raises(FloatingPointError, match=expected):
             captured.collect(first_step=0)
     finally:

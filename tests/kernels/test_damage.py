@@ -1,4 +1,4 @@
-"""The class table on the device against mujoco_warp's own copy of every compiled model."""
+"""The class table on the device compared with mujoco_warp's own copy of every compiled model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import mujoco_warp as mjw
 from dappo_batch import ClassTable
 from dappo_batch.kernels.damage import DamageFields, class_rows, gather_rows
 
-SHARED = {"dof_length", "site_size"}  # see `test_a_touch_zone_may_change_only_where_its_signal_is_cut_off`
+SHARED = {"dof_length", "site_size"}  # see `test_a_touch_zone_may_differ_only_where_the_sensor_is_disabled`
 
 
 def muted_sites(table: ClassTable) -> list[frozenset[int]]:
@@ -33,7 +33,7 @@ def test_every_world_has_the_model_that_mujoco_compiled_for_its_class(table: Cla
     assert {"jnt_range", "geom_size", "geom_rbound", "body_mass", "dof_invweight0", "actuator_acc0"} <= set(
         rows.columns
     )
-    # mujoco_warp's fields are compared, not MuJoCo's: one which it derives from others counts too.
+    # mujoco_warp's fields are compared, not MuJoCo's, so that those that it derives are included.
     names = [field.name for field in dataclasses.fields(mjw.Model) if field.name not in SHARED]
     arrays = {name: getattr(model, name) for name in names if isinstance(getattr(model, name), wp.array)}
     values = {name: array.numpy() for name, array in arrays.items()}
@@ -56,13 +56,13 @@ def test_worlds_outside_the_mask_keep_their_model() -> None:
     np.testing.assert_array_equal(after.numpy(), np.where(mask[:, None], rows[classes], before))
 
 
-def test_a_touch_zone_may_change_only_where_its_signal_is_cut_off(hexapod_table: ClassTable) -> None:
+def test_a_touch_zone_may_differ_only_where_the_sensor_is_disabled(hexapod_table: ClassTable) -> None:
     model = mjw.put_model(hexapod_table.models[0])
     with pytest.raises(ValueError, match="damage class 2 changes site_size"):
         class_rows(model, hexapod_table.models, [frozenset()] * len(hexapod_table.models))
 
 
-def test_classes_that_differ_in_what_all_worlds_share_are_refused(ant_table: ClassTable) -> None:
+def test_classes_that_differ_in_shared_fields_are_rejected(ant_table: ClassTable) -> None:
     model = mjw.put_model(ant_table.models[0])
     muted = [frozenset()] * 2
     other = copy.copy(ant_table.models[0])

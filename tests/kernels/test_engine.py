@@ -1,4 +1,4 @@
-"""The rollout engine and the stepper: what a host sees of the worlds, and that it can stop and go on."""
+"""The rollout engine and the stepper: their results, snapshots and restored states."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def task() -> Task:
 
 
 def new_engine(task: Task) -> Engine:
-    """Return an engine with a policy that is the same every time."""
+    """Return an engine with a fixed policy."""
     engine = Engine(
         task,
         KEYS,
@@ -54,7 +54,7 @@ def copies(arrays: dict[str, NDArray[np.generic]]) -> dict[str, NDArray[np.gener
     return {name: array.copy() for name, array in arrays.items()}
 
 
-def test_a_restored_engine_goes_on_as_one_that_was_never_stopped(task: Task) -> None:
+def test_a_restored_engine_is_bit_identical_to_an_uninterrupted_one(task: Task) -> None:
     unbroken = new_engine(task)
     unbroken.collect(0)
     saved = [part.copy() for part in unbroken.snapshot()]
@@ -78,45 +78,45 @@ def test_the_first_actions_are_means_plus_the_noise_of_the_envs_streams(task: Ta
 
 
 def stepper(table: ClassTable) -> Stepper:
-    """Return worlds at the start of the first episodes of `KEYS`, each with another class."""
+    """Return worlds at the start of the first episodes of `KEYS`, each with a different class."""
     found = Stepper(Task.of(table), COUNT, device=str(wp.get_device()))
     everyone = np.arange(COUNT)
     found.reset(everyone, everyone, KEYS, np.zeros(COUNT, dtype=np.uint64))
     return found
 
 
-def test_worlds_that_are_skipped_stand_still_and_do_not_touch_the_others(ant_table: ClassTable) -> None:
+def test_skipped_worlds_keep_their_state_and_do_not_change_the_others(ant_table: ClassTable) -> None:
     free, held = stepper(ant_table), stepper(ant_table)
     rng = np.random.default_rng(1)
     skip = np.array([False, True, False, True])
-    nobody = np.zeros(COUNT, dtype=np.bool_)
+    no_world = np.zeros(COUNT, dtype=np.bool_)
     first, second = rng.uniform(-1, 1, (2, COUNT, 8)).astype(np.float32)
     for worlds in (free, held):
-        worlds.step(first, nobody)
+        worlds.step(first, no_world)
     before = [part.copy() for part in held.state()]
-    expected, got = free.step(second, nobody), held.step(second, skip)
+    expected, got = free.step(second, no_world), held.step(second, skip)
     for one, other in zip(expected, got, strict=True):
         np.testing.assert_array_equal(one[~skip], other[~skip])
     for one, other in zip(before, held.state(), strict=True):
         np.testing.assert_array_equal(one[skip], other[skip])
-    # Worlds that had stood still go on from where they were: as if the step had not been.
+    # Skipped worlds continue from their state, as if the step had not happened.
     again = held.step(second, ~skip)
     for one, other in zip(expected, again, strict=True):
         np.testing.assert_array_equal(one[skip], other[skip])
 
 
-def test_a_restored_stepper_goes_on_as_one_that_was_never_stopped(ant_table: ClassTable) -> None:
+def test_a_restored_stepper_is_bit_identical_to_an_uninterrupted_one(ant_table: ClassTable) -> None:
     rng = np.random.default_rng(2)
     actions = rng.uniform(-1, 1, (4, COUNT, 8)).astype(np.float32)
-    nobody = np.zeros(COUNT, dtype=np.bool_)
+    no_world = np.zeros(COUNT, dtype=np.bool_)
     worlds = stepper(ant_table)
     for row in actions[:2]:
-        worlds.step(row, nobody)
+        worlds.step(row, no_world)
     worlds.set_classes(np.array([2]), np.array([9]))
     saved = worlds.snapshot().copy()
-    expected = [[part.copy() for part in worlds.step(row, nobody)] for row in actions[2:]]
+    expected = [[part.copy() for part in worlds.step(row, no_world)] for row in actions[2:]]
     other = stepper(ant_table)
     other.restore(saved, np.array([0, 1, 9, 3]))
     for row, step in zip(actions[2:], expected, strict=True):
-        for one, part in zip(other.step(row, nobody), step, strict=True):
+        for one, part in zip(other.step(row, no_world), step, strict=True):
             np.testing.assert_array_equal(one, part)

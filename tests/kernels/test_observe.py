@@ -1,4 +1,4 @@
-"""Observations of the kernels against NumPy."""
+"""Observations of the kernels compared with NumPy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COUNT = 40
 
 
 def reference(task: Task, classes: NDArray[np.int64], physics: Physics) -> NDArray[np.float32]:
-    """Write out the observation of the robot TOML's terms, [N, O]."""
+    """Compute the observation of the robot TOML's terms in NumPy, [N, O]."""
     blocks = []
     for term in task.observation:
         name = term["term"]
@@ -76,7 +76,7 @@ def test_terms_may_come_in_any_order_and_number(hexapod_table: ClassTable) -> No
     np.testing.assert_array_equal(obs.numpy(), reference(task, classes, physics))
 
 
-def test_an_unknown_term_is_refused_by_name(ant_table: ClassTable) -> None:
+def test_an_unknown_term_is_rejected_by_name(ant_table: ClassTable) -> None:
     task = dataclasses.replace(Task.of(ant_table), observation=({"term": "smell"},))
     with pytest.raises(ValueError, match="observation term 'smell'"):
         Observer(task, False)

@@ -1,4 +1,4 @@
-"""Rewards and failures of the kernels against NumPy."""
+"""Rewards and terminations of the kernels compared with NumPy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 wp = pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
 from dappo_batch import ClassTable
-from dappo_batch.kernels.outcome import Judge, Outcome
+from dappo_batch.kernels.outcome import Outcome, RewardTerms
 from dappo_batch.kernels.task import Task
 
 from .physics import Physics
@@ -19,8 +19,8 @@ from .physics import Physics
 COUNT = 60
 
 
-def judged(task: Task, physics: Physics, x_before: NDArray[np.float32]) -> dict[str, NDArray[np.generic]]:
-    """Return what the kernel makes of `physics`; its outputs are poisoned before."""
+def computed(task: Task, physics: Physics, x_before: NDArray[np.float32]) -> dict[str, NDArray[np.generic]]:
+    """Return the outcome that the kernel computes from `physics`; its outputs are NaN or wrong before."""
     count = len(x_before)
     outcome = Outcome(
         x=wp.array(x_before, dtype=wp.float32),
@@ -29,12 +29,12 @@ def judged(task: Task, physics: Physics, x_before: NDArray[np.float32]) -> dict[
         diverged=wp.array(np.arange(count) % 3 == 0, dtype=wp.bool),
         forward_velocity=wp.full(count, np.nan, dtype=wp.float32),
     )
-    Judge(task).judge(physics.on_device(), outcome)
+    RewardTerms(task).compute(physics.on_device(), outcome)
     return {field.name: getattr(outcome, field.name).numpy() for field in dataclasses.fields(Outcome)}
 
 
 def standing(task: Task, physics: Physics) -> Physics:
-    """Give half of the worlds a height at which an episode goes on."""
+    """Give half of the worlds a height at which an episode continues."""
     low, high = task.height
     physics.qpos[::2, 2] = np.linspace(low, high, len(physics.qpos[::2]) + 2)[1:-1]
     return physics
@@ -64,14 +64,14 @@ def terms_of(
 
 
 @pytest.mark.parametrize("name", ["paper", "gym"])
-def test_rewards_and_failures_equal_numpys(table: ClassTable, name: str) -> None:
+def test_rewards_and_terminations_equal_numpys(table: ClassTable, name: str) -> None:
     if name not in table.robot.spec["reward"]:
         name = "paper"
     rng = np.random.default_rng(0)
     task = Task.of(table, name)
     physics = standing(task, Physics.random(task, COUNT, rng))
     x_before = rng.normal(size=COUNT).astype(np.float32)
-    got = judged(task, physics, x_before)
+    got = computed(task, physics, x_before)
 
     x_after = physics.xpos[:, task.main_body, 0]
     velocity = (x_after.astype(np.float64) - x_before) / task.dt
@@ -88,13 +88,13 @@ def test_rewards_and_failures_equal_numpys(table: ClassTable, name: str) -> None
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 2e10, -2e10])
 @pytest.mark.parametrize("field", ["qpos", "qvel", "qacc"])
-def test_a_diverged_world_fails_with_reward_and_velocity_zero(
+def test_a_diverged_world_terminates_with_reward_and_velocity_zero(
     ant_table: ClassTable, field: str, value: float
 ) -> None:
     task = Task.of(ant_table)
     physics = standing(task, Physics.random(task, 8, np.random.default_rng(0)))
     getattr(physics, field)[4, -1] = value
-    got = judged(task, physics, np.zeros(8, dtype=np.float32))
+    got = computed(task, physics, np.zeros(8, dtype=np.float32))
     assert np.flatnonzero(got["diverged"]).tolist() == [4]
     assert got["terminated"][4]
     assert got["reward"][4] == got["forward_velocity"][4] == 0.0
@@ -102,16 +102,16 @@ def test_a_diverged_world_fails_with_reward_and_velocity_zero(
     assert (np.delete(got["forward_velocity"], 4) != 0.0).all()
 
 
-def test_the_limits_of_the_height_belong_to_the_allowed_range(ant_table: ClassTable) -> None:
+def test_the_allowed_range_of_heights_includes_its_limits(ant_table: ClassTable) -> None:
     task = Task.of(ant_table)
     physics = Physics.random(task, 4, np.random.default_rng(0))
     low, high = np.float32(task.height[0]), np.float32(task.height[1])
     physics.qpos[:, 2] = [low, high, np.nextafter(low, np.float32(-1)), np.nextafter(high, np.float32(9))]
-    got = judged(task, physics, np.zeros(4, dtype=np.float32))
+    got = computed(task, physics, np.zeros(4, dtype=np.float32))
     assert got["terminated"].tolist() == [False, False, True, True]
 
 
-def test_an_unknown_term_is_refused_by_name(ant_table: ClassTable) -> None:
+def test_an_unknown_term_is_rejected_by_name(ant_table: ClassTable) -> None:
     task = dataclasses.replace(Task.of(ant_table), reward=({"term": "beauty", "weight": 1.0},))
     with pytest.raises(ValueError, match="reward term 'beauty'"):
-        Judge(task)
+        RewardTerms(task)

@@ -1,4 +1,4 @@
-"""Random numbers of the kernels against the published vectors and an implementation in plain Python."""
+"""Random numbers of the kernels compared with published vectors and with plain Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The policy of the kernels against NumPy in double precision."""
+"""The policy of the kernels compared with NumPy in double precision."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def numpy_mlp(
 
 
 def weights(sizes: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return flat parameters of a size that keeps the units from saturating."""
+    """Return flat parameters, small enough that the units do not saturate."""
     parts = [
         part
         for inputs, outputs in itertools.pairwise(sizes)
@@ -44,7 +44,7 @@ def weights(sizes: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.floa
     return np.concatenate(parts).astype(np.float32)
 
 
-def test_a_net_equals_numpys_and_leaves_rows_outside_the_mask_alone() -> None:
+def test_a_net_equals_numpys_and_does_not_change_rows_outside_the_mask() -> None:
     rng = np.random.default_rng(0)
     sizes = (OBS, *HIDDEN, ACTIONS)
     net = Mlp(COUNT, sizes)

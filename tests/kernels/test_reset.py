@@ -1,4 +1,4 @@
-"""Resets of the kernels against NumPy and against the streams in plain Python."""
+"""Resets of the kernels compared with NumPy, and with the random streams in plain Python."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COUNT = 50
 
 def worlds_in_mid_episode(rng: np.random.Generator) -> tuple[Episodes, dict[str, NDArray[np.generic]]]:
     """Return episodes of arbitrary state, on the device and as arrays of NumPy."""
-    episodes = Episodes.before_the_first(rng.integers(0, 2**64, COUNT, dtype=np.uint64))
+    episodes = Episodes.unstarted(rng.integers(0, 2**64, COUNT, dtype=np.uint64))
     numbers = rng.integers(0, 2**40, COUNT, dtype=np.uint64)
     numbers[:2] = 2**64 - 1  # before the first
     episodes.number.assign(numbers)
@@ -35,7 +35,7 @@ def worlds_in_mid_episode(rng: np.random.Generator) -> tuple[Episodes, dict[str,
 
 
 def cumulative(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sums of normalised weights in the order in which Rust adds them."""
+    """Return the cumulative normalised weights, summed in the order of Rust."""
     sums, total = [], 0.0
     for weight in weights:
         total += weight / weights.sum()
@@ -88,9 +88,9 @@ def test_classes_and_onsets_may_be_fixed_for_some_worlds() -> None:
     np.testing.assert_array_equal(episodes.damage_class.numpy(), np.where(onset == 0, drawn, 0))
 
 
-def test_sums_that_rounding_has_left_below_1_still_give_a_class_of_positive_weight() -> None:
+def test_cumulative_weights_rounded_below_1_still_give_a_class_of_positive_weight() -> None:
     """As in Rust: the draw lies above all sums, and the classes at the end have weight 0."""
-    episodes = Episodes.before_the_first(np.arange(COUNT, dtype=np.uint64))
+    episodes = Episodes.unstarted(np.arange(COUNT, dtype=np.uint64))
     draws = EpisodeDraws(COUNT, 4)
     draws.cumulative.assign(np.array([0.0, 1e-9, 1e-9, 1e-9]))
     draws.begin(episodes, wp.full(COUNT, True, dtype=wp.bool))
@@ -109,7 +109,7 @@ def test_initial_states_are_reference_pose_plus_noise_of_the_worlds_streams(tabl
     outcome = Outcome.zeros(COUNT)
     outcome.x.fill_(np.nan)
     mask = rng.random(COUNT) < 0.7
-    StateReset(task, needs_forces=False).begin(model, data, wp.array(mask), episodes, outcome)
+    StateReset(task, needs_forces=False).to_initial(model, data, wp.array(mask), episodes, outcome)
 
     keys, numbers = episodes.key.numpy(), episodes.number.numpy()
     for world in np.flatnonzero(mask):
@@ -125,7 +125,7 @@ def test_initial_states_are_reference_pose_plus_noise_of_the_worlds_streams(tabl
         assert np.isnan(array.numpy()[~mask]).all()
 
 
-def test_worlds_at_rest_show_the_sensors_of_their_class_in_its_reference_pose(
+def test_worlds_at_rest_have_the_sensor_readings_of_their_class_in_its_reference_pose(
     hexapod_table: ClassTable,
 ) -> None:
     count = len(hexapod_table.models)
@@ -135,7 +135,7 @@ def test_worlds_at_rest_show_the_sensors_of_their_class_in_its_reference_pose(
         array.fill_(np.nan)
     classes = np.random.default_rng(4).permutation(count)
     reset = StateReset(Task.of(hexapod_table), needs_forces=True)
-    reset.rest(model, data, wp.full(count, True, dtype=wp.bool), wp.array(classes, dtype=wp.int32))
+    reset.to_reference(model, data, wp.full(count, True, dtype=wp.bool), wp.array(classes, dtype=wp.int32))
     for world, number in enumerate(classes):
         reference = mujoco.MjData(hexapod_table.models[number])
         mujoco.mj_forward(hexapod_table.models[number], reference)

@@ -1,4 +1,4 @@
-"""Whole worlds: resets, divergence, overflow and onset must not touch a world that they do not concern."""
+"""Whole worlds: resets, divergence, overflow and onset must not change other worlds."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(worlds: Worlds, steps: int) -> NDArray[np.float32]:
 
 
 @pytest.mark.parametrize("robot", ["euler_table", "hexapod_table"])
-def test_a_world_does_not_notice_resets_of_others(robot: str, request: pytest.FixtureRequest) -> None:
+def test_resets_of_other_worlds_do_not_change_a_world(robot: str, request: pytest.FixtureRequest) -> None:
     task = Task.of(request.getfixturevalue(robot))
     undisturbed, disturbed = Worlds(task, KEYS), Worlds(task, KEYS)
     for worlds in (undisturbed, disturbed):
@@ -66,23 +66,23 @@ def test_a_world_does_not_notice_resets_of_others(robot: str, request: pytest.Fi
     assert disturbed.episodes.step.numpy().tolist() == np.where(mask, 3, 6).tolist()
 
 
-def test_a_diverged_world_ends_at_rest_in_the_reference_pose_of_its_class_and_begins_anew(
+def test_a_diverged_world_ends_at_rest_in_the_reference_pose_of_its_class_and_is_reset(
     hexapod_table: ClassTable,
 ) -> None:
     task = Task.of(hexapod_table)
-    broken, sound = Worlds(task, KEYS), Worlds(task, KEYS)
+    broken, intact = Worlds(task, KEYS), Worlds(task, KEYS)
     sane = []
-    for worlds in (broken, sound):
+    for worlds in (broken, intact):
         worlds.reset(classes=np.arange(COUNT))
         sane.append(run(worlds, 2))
     qvel = broken.data.qvel.numpy()
     qvel[2, 5], qvel[4, 0] = np.nan, 1e30
     broken.data.qvel.assign(qvel)
-    got, expected = run(broken, 1), run(sound, 1)
+    got, expected = run(broken, 1), run(intact, 1)
 
     others = [0, 1, 3, 5]
     np.testing.assert_array_equal(got[0, others], expected[0, others])
-    outcome, endings = broken.outcome, broken.endings
+    outcome, ends = broken.outcome, broken.episode_ends
     assert np.flatnonzero(outcome.diverged.numpy()).tolist() == [2, 4]
     assert outcome.terminated.numpy()[[2, 4]].all()
     assert (outcome.reward.numpy()[[2, 4]] == 0.0).all()
@@ -93,7 +93,7 @@ def test_a_diverged_world_ends_at_rest_in_the_reference_pose_of_its_class_and_be
     model = hexapod_table.models[0]
     at_rest = envs.set_state(np.tile(model.qpos0, (COUNT, 1)), np.zeros((COUNT, model.nv)))
     envs.close()
-    np.testing.assert_allclose(endings.final_obs.numpy()[[2, 4]], at_rest[[2, 4]], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(ends.final_obs.numpy()[[2, 4]], at_rest[[2, 4]], rtol=0, atol=1e-6)
 
     assert broken.episodes.number.numpy().tolist() == [0, 0, 1, 0, 1, 0]
     assert np.isfinite(run(broken, 3)).all()
@@ -113,17 +113,17 @@ def test_damage_in_mid_episode_changes_the_model_and_then_the_code(euler_table: 
         masses = worlds.model.body_mass.numpy()
         for world, onset in enumerate([0, 1, 2, 3, 99, 0]):
             number = struck if step >= onset else 0
-            assert worlds.endings.damage_class.numpy()[world] == number
+            assert worlds.episode_ends.damage_class.numpy()[world] == number
             np.testing.assert_array_equal(masses[world], task.models[number].body_mass.astype(np.float32))
     for step, codes in enumerate(shown):
         for world, onset in enumerate([0, 1, 2, 3, 99, 0]):
-            # The policy sees the damage one step after it struck, as the observation was made before.
+            # The policy observes the damage one step after its onset, as the observation precedes it.
             number = struck if onset == 0 or step > onset else 0
             np.testing.assert_array_equal(codes[world], task.codes[number])
 
 
 def lay_down(worlds: Worlds) -> None:
-    """Let every world begin its step with all feet in the floor."""
+    """Step every world from a state with all feet in the floor."""
     worlds.reset()
     model = worlds.task.models[0]
     lying = np.tile(model.qpos0, (COUNT, 1))
@@ -139,25 +139,25 @@ def lay_down(worlds: Worlds) -> None:
         ("nconmax", 2, r"pairs of geoms .* \(BROADPHASE; nconmax = 2\)"),
     ],
 )
-def test_too_little_room_is_an_error_that_names_the_size_to_raise(
+def test_an_overflow_is_an_error_with_the_size_to_raise(
     euler_table: ClassTable, size: str, room: int, cause: str
 ) -> None:
     worlds = Worlds(Task.of(euler_table), KEYS, **{size: room})
     lay_down(worlds)
     with pytest.raises(PhysicsOverflowError, match=f"6 of 6 worlds .*{cause}") as caught:
-        worlds.check_room()
+        worlds.raise_on_overflow()
     assert caught.value.sizes == {size: room}
-    worlds.check_room()
+    worlds.raise_on_overflow()
 
 
-def test_a_solver_that_has_used_up_its_iterations_is_no_error(euler_table: ClassTable) -> None:
+def test_a_solver_that_reaches_its_iteration_limit_is_no_error(euler_table: ClassTable) -> None:
     models = tuple(copy.copy(model) for model in euler_table.models)
     for model in models:
         model.opt.iterations = model.opt.ls_iterations = 1
     worlds = Worlds(Task.of(replace(euler_table, models=models)), KEYS)
     lay_down(worlds)
     assert (worlds.data.overflow.numpy() & int(mjw.OverflowType.ITERATIONS)).all()
-    worlds.check_room()
+    worlds.raise_on_overflow()
     assert np.isfinite(worlds.obs.numpy()).all()
     assert not worlds.data.overflow.numpy().any()
 
@@ -175,7 +175,7 @@ def test_a_solver_that_has_used_up_its_iterations_is_no_error(euler_table: Class
         ("NVMAX", None),
     ],
 )
-def test_every_flag_of_left_out_physics_names_its_limit(flag: str, size: str | None) -> None:
+def test_every_harmful_overflow_flag_has_its_limit_in_the_message(flag: str, size: str | None) -> None:
     iterations = mjw.OverflowType.ITERATIONS
     flags = np.array([0, mjw.OverflowType[flag] | iterations, iterations], dtype=np.int32)
     with pytest.raises(PhysicsOverflowError, match=rf"^1 of 3 worlds .*\({flag}; ") as caught:
@@ -184,14 +184,14 @@ def test_every_flag_of_left_out_physics_names_its_limit(flag: str, size: str | N
     assert "ITERATIONS" not in str(caught.value)
 
 
-def test_flags_that_leave_no_physics_out_are_no_error() -> None:
+def test_harmless_overflow_flags_are_no_error() -> None:
     flags = mjw.OverflowType
     check_overflow(
         np.array([flags.ITERATIONS, flags.LS_ITERATIONS, flags.CONTACT_MATCH | flags.TACTILE]), 40, 9
     )
 
 
-def test_the_room_by_default_is_enough_for_a_robot_deep_in_the_floor(table: ClassTable) -> None:
+def test_the_default_buffer_sizes_suffice_for_a_robot_deep_in_the_floor(table: ClassTable) -> None:
     worlds = Worlds(Task.of(table), KEYS)
     worlds.reset()
     model = table.models[0]
@@ -200,7 +200,7 @@ def test_the_room_by_default_is_enough_for_a_robot_deep_in_the_floor(table: Clas
     buried[:, 7:] = 3.0
     worlds.set_state(buried, np.zeros((COUNT, model.nv)))
     worlds.step(actions(0, worlds.action_dim))
-    worlds.check_room()
+    worlds.raise_on_overflow()
 
 
 def test_actions_are_clipped_scaled_and_counted_where_they_are_not_finite(
@@ -213,6 +213,6 @@ def test_actions_are_clipped_scaled_and_counted_where_they_are_not_finite(
     worlds.step(wp.array(chosen))
     assert worlds.nonfinite_actions.numpy()[0] == 2
     chosen[0, 0] = chosen[3, 7] = 0.0
-    running = ~worlds.endings.ended.numpy()
+    running = ~worlds.episode_ends.ended.numpy()
     assert running.all()
     np.testing.assert_allclose(worlds.data.ctrl.numpy(), 0.785 * np.clip(chosen, -1, 1), rtol=1e-6)

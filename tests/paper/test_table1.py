@@ -1,4 +1,4 @@
-"""The paper's Table 1, which the diagnoser's sweep prints beside its own results."""
+"""The paper's Table 1, with which the diagnoser's sweep compares its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""States to compare two physics in: everything a robot meets, and what it hopefully never does."""
+"""States in which two physics are compared, from usual to extreme."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Reference(NamedTuple):
 
 
 def converged(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of the model whose solver goes on until nothing changes."""
+    """Return a copy of the model whose solver iterates until convergence."""
     model = copy.copy(model)
     model.opt.tolerance = 0.0
     model.opt.iterations = 100
@@ -43,7 +43,7 @@ def converged(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def with_cone(table: ClassTable, cone: mujoco.mjtCone) -> ClassTable:
-    """Return the same robots with this friction cone, and a solver that goes on until nothing changes."""
+    """Return the same robots with this friction cone, and a solver that iterates until convergence."""
     models = tuple(converged(model) for model in table.models)
     for model in models:
         model.opt.cone = cone
@@ -51,7 +51,7 @@ def with_cone(table: ClassTable, cone: mujoco.mjtCone) -> ClassTable:
 
 
 def evaluate(model: mujoco.MjModel, states: States) -> Reference:
-    """Let MuJoCo evaluate the forces in every state."""
+    """Evaluate the forces in every state with MuJoCo."""
     data = mujoco.MjData(model)
     results = []
     for qpos, qvel, ctrl in zip(*states, strict=True):
@@ -66,7 +66,7 @@ def evaluate(model: mujoco.MjModel, states: States) -> Reference:
 
 
 def advance(model: mujoco.MjModel, states: States, substeps: int) -> tuple[Array, Array]:
-    """Let MuJoCo go on from every state; return positions [N, nq] and velocities [N, nv]."""
+    """Step every state with MuJoCo; return positions [N, nq] and velocities [N, nv]."""
     data = mujoco.MjData(model)
     results = []
     for qpos, qvel, ctrl in zip(*states, strict=True):

@@ -14,7 +14,7 @@ WORLDS = 4096
 
 
 def _episode_statistics(table: ClassTable, precision: str, steps: int) -> dict[str, tuple[float, float]]:
-    """Return mean and standard error of what episodes under random actions look like."""
+    """Return mean and standard error of statistics of episodes with random actions."""
     envs = dappo_batch.make_vec(
         table, WORLDS, backend="lanes", precision=precision, seed=0, observe_damage=False, copy=False
     )
@@ -69,7 +69,7 @@ def test_results_depend_neither_on_threads_nor_on_the_number_of_envs(
 
 
 @pytest.mark.parametrize(("backend", "precision"), [("lanes", "f32"), ("lanes", "f64"), ("mujoco", "f64")])
-def test_fuzzed_states_and_actions_lead_to_finite_numbers_alone(
+def test_fuzzed_states_and_actions_lead_to_finite_numbers(
     table: ClassTable, backend: str, precision: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # for MUJOCO_LOG.TXT
@@ -87,7 +87,7 @@ def test_fuzzed_states_and_actions_lead_to_finite_numbers_alone(
             assert np.isfinite(obs).all(), scale
             assert np.isfinite(rewards).all(), scale
             assert np.isfinite(infos["forward_velocity"]).all(), scale
-    # What is beyond MuJoCo's bounds has diverged, most of it at once.
+    # States beyond MuJoCo's limits have diverged, most of them at once.
     assert envs.diverged > 3 * 256
     envs.close()
 
@@ -115,8 +115,8 @@ def test_the_same_wild_states_end_the_episode_as_with_mujoco(
             envs.reset()
             envs.set_state(qpos, qvel)
             ends.append(envs.step(actions)[2])
-            resets.append(~envs.get_state()[1].any(1))  # only what diverged is at rest
+            resets.append(~envs.get_state()[1].any(1))  # only diverged robots are at rest
             assert resets[-1].sum() == envs.diverged - before
         np.testing.assert_array_equal(*ends, err_msg=str(scale))
-        # MuJoCo looks at every substep, the lane engine at the last one alone.
+        # MuJoCo checks every substep, the lane engine only the last one.
         assert (resets[0] == resets[1]).mean() > 0.9, scale

@@ -1,4 +1,4 @@
-"""The lane engine against MuJoCo, state by state, with every damage class of both robots."""
+"""The lane engine compared with MuJoCo, state by state, with every damage class of both robots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_weak_motors_have_mujocos_forces(table: ClassTable) -> None:
     classes, states, expected = of_all_classes(weak, "rollout", STATES_A_CLASS)
     qacc, _, _ = LaneWorlds(weak, classes, precision="f64").forward(*states)
     assert relative_error(qacc, expected.qacc) < 1e-10
-    # The damage is in these numbers: healthy motors would do something else.
+    # The numbers depend on the damage: those of healthy motors differ.
     healthy, _, _ = LaneWorlds(weak, np.zeros_like(classes), precision="f64").forward(*states)
     assert relative_error(healthy[classes > 0], expected.qacc[classes > 0]) > 1e-3
 
@@ -84,7 +84,8 @@ def test_contact_forces_after_a_step_are_those_of_the_last_evaluation(table: Cla
         expected.append(data.cfrc_ext.copy())
         sensors.append(data.sensordata.copy())
     assert np.any(expected)
-    # Contacts are stiff: the rounding of the first substeps shows a thousandfold in the last one's forces.
+    # Contacts are stiff: the rounding of the first substeps is amplified a thousandfold in the last one's
+    # forces.
     assert relative_error(cfrc_ext, np.array(expected)) < 1e-8
     assert relative_error(touch, np.array(sensors)) < 1e-8
 
@@ -146,7 +147,7 @@ def test_one_step_from_degenerate_states_is_mujocos(table: ClassTable) -> None:
 
 
 @pytest.mark.parametrize("simd", ["avx512", "avx2", "portable"])
-def test_every_instruction_set_computes_the_same_bits(ant_table: ClassTable, simd: str) -> None:
+def test_all_instruction_sets_are_bit_identical(ant_table: ClassTable, simd: str) -> None:
     classes, states, _ = of_all_classes(ant_table, "hard", 1)
     portable = LaneWorlds(ant_table, classes, precision="f64", simd="portable")
     try:

@@ -1,4 +1,4 @@
-"""The lane engine against MuJoCo on robots that nobody designed, so that no frame is ever the identity."""
+"""The lane engine compared with MuJoCo on random robots, whose frames are never the identity."""
 
 from __future__ import annotations
 

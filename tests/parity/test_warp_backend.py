@@ -1,4 +1,4 @@
-"""`device="warp-cpu"` of the vector env against the `mujoco` backend, and what a learner sees of both."""
+"""`device="warp-cpu"` of the vector env compared with the `mujoco` backend, in envs and trainings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def close(got: NDArray[Any], expected: NDArray[Any], what: str) -> None:
 
 @pytest.mark.parametrize("autoreset", ["next_step", "same_step"])
 def test_the_vector_env_is_the_same_on_both_devices(ant_table: ClassTable, autoreset: str) -> None:
-    """Elliptic cones, as the physics would part at the first contact otherwise."""
+    """With elliptic cones, as the physics would differ from the first contact on otherwise."""
     table = with_cone(ant_table, mujoco.mjtCone.mjCONE_ELLIPTIC)
     options: dict[str, Any] = {
         "seed": SEED,

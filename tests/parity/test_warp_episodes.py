@@ -1,4 +1,4 @@
-"""Whole episodes of the kernels against the `mujoco` backend: damage draws, onset, time limit, autoreset."""
+"""Whole episodes of the kernels compared with the `mujoco` backend: draws, onset, time limit, autoreset."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COUNT, STEPS, LIMIT, SEED = 12, 8, 3, 21
 
 
 def test_episodes_run_as_with_the_mujoco_backend(table: ClassTable) -> None:
-    """Elliptic cones, as the physics would part at the first contact otherwise."""
+    """With elliptic cones, as the physics would differ from the first contact on otherwise."""
     table = with_cone(table, mujoco.mjtCone.mjCONE_ELLIPTIC)
     onset = (0, LIMIT - 1)
     envs = dappo_batch.make_vec(
@@ -37,31 +37,31 @@ def test_episodes_run_as_with_the_mujoco_backend(table: ClassTable) -> None:
     obs, _ = envs.reset()
     worlds.reset()
     rng = np.random.default_rng(5)
-    struck = 0
+    activated = 0
     for _ in range(STEPS):
         np.testing.assert_allclose(worlds.obs.numpy(), obs, rtol=1e-3, atol=1e-3)
         before = worlds.episodes.damage_class.numpy().copy()
         actions = rng.uniform(-1, 1, (COUNT, worlds.action_dim)).astype(np.float32)
         obs, rewards, terminated, truncated, infos = envs.step(actions)
         worlds.step(wp.array(actions))
-        outcome, endings = worlds.outcome, worlds.endings
+        outcome, ends = worlds.outcome, worlds.episode_ends
         np.testing.assert_array_equal(outcome.terminated.numpy(), terminated)
-        np.testing.assert_array_equal(endings.truncated.numpy(), truncated)
+        np.testing.assert_array_equal(ends.truncated.numpy(), truncated)
         np.testing.assert_allclose(outcome.reward.numpy(), rewards, rtol=1e-3, atol=1e-3)
         np.testing.assert_array_equal(worlds.episodes.damage_class.numpy(), infos["damage_class"])
         np.testing.assert_array_equal(worlds.episodes.onset.numpy(), infos["damage_onset"])
-        struck += int((endings.damage_class.numpy() != before).sum())
+        activated += int((ends.damage_class.numpy() != before).sum())
         if "final_obs" not in infos:
             continue
         ended, final = infos["_final_obs"], infos["final_info"]
-        np.testing.assert_array_equal(endings.ended.numpy(), ended)
+        np.testing.assert_array_equal(ends.ended.numpy(), ended)
         expected = np.stack(infos["final_obs"][ended])
-        np.testing.assert_allclose(endings.final_obs.numpy()[ended], expected, rtol=1e-3, atol=1e-3)
-        np.testing.assert_array_equal(endings.damage_class.numpy()[ended], final["damage_class"][ended])
-        np.testing.assert_array_equal(endings.onset.numpy()[ended], final["damage_onset"][ended])
+        np.testing.assert_allclose(ends.final_obs.numpy()[ended], expected, rtol=1e-3, atol=1e-3)
+        np.testing.assert_array_equal(ends.damage_class.numpy()[ended], final["damage_class"][ended])
+        np.testing.assert_array_equal(ends.onset.numpy()[ended], final["damage_onset"][ended])
         np.testing.assert_allclose(
             outcome.forward_velocity.numpy()[ended], final["forward_velocity"][ended], rtol=1e-3, atol=1e-3
         )
     envs.close()
-    assert struck > 5
+    assert activated > 5
     assert (worlds.episodes.number.numpy() == STEPS // LIMIT).any()

@@ -1,4 +1,4 @@
-"""The kernels against the `mujoco` backend on the same states: reset, draws, observation, reward, failure."""
+"""The kernels compared with the `mujoco` backend in the same states, term by term."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import mujoco_warp as mjw
 import dappo_batch
 from dappo_batch import ClassTable
 from dappo_batch.kernels.observe import Observer
-from dappo_batch.kernels.outcome import Judge, Outcome
+from dappo_batch.kernels.outcome import Outcome, RewardTerms
 from dappo_batch.kernels.task import Task
 from dappo_batch.kernels.worlds import Worlds
 
@@ -70,8 +70,8 @@ def test_drawn_classes_and_onsets_are_those_of_the_mujoco_backend(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_steps_are_judged_as_the_mujoco_backend_judges_them(table: ClassTable, kind: str) -> None:
-    """Libmujoco does a step of every class, and the kernels read its result from their own arrays."""
+def test_outcomes_of_steps_equal_those_of_the_mujoco_backend(table: ClassTable, kind: str) -> None:
+    """The kernels compute observations and outcomes from a step of libmujoco with every class."""
     rng = np.random.default_rng(0)
     parts = [KINDS[kind](model, STATES_A_CLASS, rng) for model in table.models]
     states = States(*map(np.concatenate, zip(*parts, strict=True)))
@@ -94,7 +94,7 @@ def test_steps_are_judged_as_the_mujoco_backend_judges_them(table: ClassTable, k
 def _stepped(
     table: ClassTable, classes: NDArray[np.int64], states: States, actions: NDArray[np.float32]
 ) -> tuple[mjw.Data, NDArray[np.float32]]:
-    """Return what libmujoco leaves behind after an env step, and where the main bodies [N] were before."""
+    """Return the data of libmujoco after an env step, and the earlier positions of the main bodies [N]."""
     task = Task.of(table)
     fields = ("qpos", "qvel", "qacc", "ctrl", "cfrc_ext", "sensordata", "xpos")
     values: dict[str, list[NDArray[np.float64]]] = {name: [] for name in fields}
@@ -124,7 +124,7 @@ def _compare(
     classes: NDArray[np.int64],
     expected: tuple[Any, ...],
 ) -> None:
-    """Compare what the kernels make of `data` with what a vector env has returned."""
+    """Compare the outcomes of the kernels for `data` with those of a vector env."""
     obs, rewards, terminated, _, infos = expected
     outcome = Outcome.zeros(len(classes))
     outcome.x.assign(x_before)
@@ -132,7 +132,7 @@ def _compare(
     observed = wp.full(obs.shape, np.nan, dtype=wp.float32)
     everyone = wp.full(len(classes), True, dtype=wp.bool)
     observer.observe(data, everyone, wp.array(classes, dtype=wp.int32), observed)
-    Judge(task).judge(data, outcome)
+    RewardTerms(task).compute(data, outcome)
     np.testing.assert_allclose(observed.numpy(), obs, rtol=1e-6, atol=TOLERANCE)
     np.testing.assert_array_equal(outcome.terminated.numpy(), terminated)
     np.testing.assert_allclose(outcome.reward.numpy(), rewards, rtol=1e-6, atol=TOLERANCE)

@@ -1,4 +1,4 @@
-"""mujoco_warp's physics against libmujoco's, with the fields that the damage gather has written.
+"""mujoco_warp's physics compared with libmujoco's, with the fields of the class table.
 
 mujoco_warp computes in single precision. It places the tangents of pyramidal friction cones elsewhere than
 MuJoCo, so with them trajectories part at the first contact; with elliptic cones they stay together.
@@ -57,7 +57,7 @@ def actions(table: ClassTable, count: int, steps: int) -> NDArray[np.float32]:
 def by_mujoco(
     table: ClassTable, classes: list[int], state: tuple[Array, Array], ctrl: NDArray[np.float32]
 ) -> Trajectories:
-    """Let libmujoco go on from the state."""
+    """Step the state with libmujoco."""
     datas = [mujoco.MjData(table.models[number]) for number in classes]
     for data, qpos, qvel in zip(datas, *state, strict=True):
         data.qpos[:], data.qvel[:] = qpos, qvel
@@ -81,7 +81,7 @@ def by_mujoco(
 def by_warp(
     table: ClassTable, classes: list[int], state: tuple[Array, Array], ctrl: NDArray[np.float32]
 ) -> Trajectories:
-    """Let the captured step go on from the state; no height ends an episode."""
+    """Step the state with the captured step; no height ends an episode."""
     task = dataclasses.replace(Task.of(table), height=(-math.inf, math.inf))
     worlds = Worlds(task, np.arange(len(classes), dtype=np.uint64), max_episode_steps=10**6)
     worlds.model.opt.tolerance.fill_(1e-9)  # mujoco_warp stops at 1e-6 otherwise
@@ -100,7 +100,7 @@ def by_warp(
         qpos.append(worlds.data.qpos.numpy().copy())
         qvel.append(worlds.data.qvel.numpy().copy())
         touched.append(worlds.data.cfrc_ext.numpy().any(axis=(1, 2)))
-    worlds.check_room()
+    worlds.raise_on_overflow()
     assert worlds.diverged.numpy()[0] == 0
     return Trajectories(np.array(qpos), np.array(qvel), np.array(touched))
 
@@ -108,7 +108,7 @@ def by_warp(
 def both(
     table: ClassTable, specs: list[str | int], height: float, substeps: int
 ) -> tuple[Trajectories, Trajectories]:
-    """Return what libmujoco and the kernels make of the same start and the same actions."""
+    """Return the trajectories of libmujoco and the kernels from the same state with the same actions."""
     classes = [table.space.parse(spec) for spec in specs]
     state = start(table, len(classes), height)
     ctrl = actions(table, len(classes), substeps // table.robot.spec["frame_skip"])

@@ -1,4 +1,4 @@
-"""The valid files that inputs are made from, and the same inputs in every run of the tests."""
+"""The valid files from which inputs are generated, and fixed seeds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ settings.load_profile("gate")
 
 @pytest.fixture(scope="session")
 def valid_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Make a tiny run, diagnoser, dataset and export."""
+    """Create a tiny run, diagnoser, dataset and export."""
     base = tmp_path_factory.mktemp("valid") / "base"
     before = Path.cwd()
     prepare(base)

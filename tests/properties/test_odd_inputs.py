@@ -1,4 +1,4 @@
-"""Some inputs of each kind that the fuzzer makes end in a result or an error that says what is wrong."""
+"""Some inputs of each kind of the fuzzer end in a result or a typed error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from .fuzz.judge import Output, attempt
+from .fuzz.outcome import Output, attempt
 from .fuzz.room import Room
 from .fuzz.targets import TARGETS
 
@@ -31,16 +31,14 @@ EXAMPLES |= {
 
 @pytest.fixture
 def room(valid_files: Path, tmp_path: Path) -> Iterator[Room]:
-    """Let a test do what it likes in a folder of its own."""
+    """Return the temporary folder of a test."""
     before = Path.cwd()
     yield Room(valid_files, tmp_path / "rooms")
     os.chdir(before)
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_an_odd_input_ends_in_a_result_or_an_error_that_says_what_is_wrong(
-    target: str, room: Room, tmp_path: Path
-) -> None:
+def test_an_odd_input_ends_in_a_result_or_a_typed_error(target: str, room: Room, tmp_path: Path) -> None:
     output = Output(tmp_path / "output")
     seen = []
 

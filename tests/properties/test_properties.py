@@ -119,8 +119,8 @@ def policy(valid_files: Path) -> dappo_batch.Policy:
 def test_a_policy_acts_for_each_robot_by_itself(policy: dappo_batch.Policy, robots: int, rng: Any) -> None:  # noqa: ANN401
     draws = np.random.default_rng(rng.getrandbits(32))
     obs = draws.normal(size=(robots, policy.obs_dim)).astype(np.float32)
-    told = draws.integers(len(policy.class_names), size=robots)
-    together = policy.act(obs, damage_class=told)
+    classes = draws.integers(len(policy.class_names), size=robots)
+    together = policy.act(obs, damage_class=classes)
     one = int(draws.integers(robots))
-    alone = policy.act(obs[one], damage_class=policy.class_names[told[one]])
+    alone = policy.act(obs[one], damage_class=policy.class_names[classes[one]])
     np.testing.assert_allclose(together[one], alone, rtol=1e-5, atol=1e-6)

@@ -27,7 +27,7 @@ def backend(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="session")
 def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly right."""
+    """Train a policy that moves, another one, and a diagnoser of single damages that is mostly correct."""
     root = tmp_path_factory.mktemp("controller")
     windows = ("--preset", "residual", "--timesteps", "20", "--onset", "20-60", "--delay", "5-40")
     network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
@@ -43,7 +43,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def opengl() -> None:
-    """Skip a test where nothing can be drawn."""
+    """Skip a test if no OpenGL implementation works."""
     table = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
     try:
         list(render.frames(Walk(table, table.models[0].qpos0), [0], size=(32, 24), captioned=False))

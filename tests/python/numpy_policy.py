@@ -30,6 +30,6 @@ def mean_actions(run: Path, obs: Array, codes: Array | float = 0.0) -> Array:
     ]
     scaled = np.clip((obs - mean) / np.sqrt(variance + 1e-8), -10, 10)
     of_obs, of_code = np.split(layer[0]["weight"], [len(mean)])
-    told = normalizer["code_scale"] * np.broadcast_to(codes, (*obs.shape[:-1], len(of_code))) @ of_code
-    hidden = np.tanh(scaled @ of_obs + told + layer[0]["bias"])
+    of_damage = normalizer["code_scale"] * np.broadcast_to(codes, (*obs.shape[:-1], len(of_code))) @ of_code
+    hidden = np.tanh(scaled @ of_obs + of_damage + layer[0]["bias"])
     return np.asarray(hidden @ layer[1]["weight"] + layer[1]["bias"])

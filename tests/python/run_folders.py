@@ -64,7 +64,7 @@ def write_run(
 
 
 def write_adaptation(run: Path) -> None:
-    """Add damage in mid-walk to a run: 90 % of the oracle with adaptation, 50 % without, no PPO-Unaware."""
+    """Add results of `adapt` to a run: 90 % of the oracle with adaptation, 50 % without, no PPO-Unaware."""
     header = (
         "class,name,episodes,ended_before,false_alarms,detected,right_at_first,right_at_last,recovered,told,"
         "adapted,oracle,unadapted,unaware\n"
@@ -102,11 +102,11 @@ def write_diagnoser(path: Path) -> Path:
 
 
 def write_trace(path: Path) -> Path:
-    """Write a walk of 60 steps that is damaged in step 20 and told so in step 30."""
+    """Write an episode of 60 steps with onset 20 and adaptation in step 30."""
     rows = ["step,forward_velocity,damage,told,event"]
     for step in range(60):
         events = {25: "suspected", 30: "diagnosed broken (0.97); adapted"}
-        damage, told = ("broken" if step >= 20 else "healthy"), ("broken" if step >= 30 else "healthy")
-        rows.append(f"{step},{step / 10:.1f},{damage},{told},{events.get(step, '')}")
+        damage, assumed = ("broken" if step >= 20 else "healthy"), ("broken" if step >= 30 else "healthy")
+        rows.append(f"{step},{step / 10:.1f},{damage},{assumed},{events.get(step, '')}")
     path.write_text("\n".join(rows) + "\n")
     return path

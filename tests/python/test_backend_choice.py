@@ -45,7 +45,7 @@ def test_a_backend_and_a_precision_can_be_asked_for(ant_table: ClassTable) -> No
         assert envs.backend_note == ""
 
 
-def test_a_robot_unknown_to_the_lane_engine_falls_back_and_says_why() -> None:
+def test_a_robot_that_the_lane_engine_does_not_support_falls_back_with_the_reason() -> None:
     table = dappo_batch.compile_class_table(TRIPOD, max_damaged_limbs=0)
     envs = dappo_batch.make_vec(table)
     assert envs.backend == "mujoco"
@@ -149,7 +149,7 @@ def test_the_rotation_of_a_body_in_rk4_is_one_that_is_known() -> None:
 
 
 @pytest.mark.parametrize(("backend", "precision"), [("lanes", "f32"), ("mujoco", "f64")])
-def test_a_run_names_its_backend_wherever_results_are(tmp_path: Path, backend: str, precision: str) -> None:
+def test_all_results_of_a_run_contain_its_backend(tmp_path: Path, backend: str, precision: str) -> None:
     run = tmp_path / "run"
     out, err = command("train", "--backend", backend, "--run", run, "--steps", str(ITERATION), *TINY)
     assert f"backend {backend}, {precision}" in err

@@ -1,4 +1,4 @@
-"""The benchmark measures what it says, leaves nothing out silently, and prints tables and JSON."""
+"""The benchmark measures every simulator or reports it as missing, and prints tables and JSON."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from dappo_batch import ConfigError, bench, machine
-from dappo_batch.bench import contenders
-from dappo_batch.bench.contenders import CONTENDERS, Workload
+from dappo_batch.bench import simulators
 from dappo_batch.bench.measure import Sample, Spread, align, measure_rounds
+from dappo_batch.bench.simulators import SIMULATORS, Workload
 from dappo_batch.robots import load_robot
 
 from .command_line import dappo_batch
@@ -32,10 +32,10 @@ def report() -> bench.Report:
     return bench.run("ant", num_envs=3, threads=2, seconds=0.01, rounds=2)
 
 
-def test_every_contender_is_measured_or_its_absence_explained(report: bench.Report) -> None:
+def test_every_simulator_is_measured_or_reported_as_missing(report: bench.Report) -> None:
     measured = {result.key for result in report.results}
     missing = {one.key: one for one in report.missing}
-    assert measured | set(missing) == set(CONTENDERS)
+    assert measured | set(missing) == set(SIMULATORS)
     assert not measured & set(missing)
     assert {"mj_step", *OURS} <= measured
     for one in missing.values():
@@ -50,12 +50,12 @@ def test_rates_and_processor_times_are_positive_and_ordered(report: bench.Report
             assert 0.0 < spread.low <= spread.median <= spread.high < float("inf"), result.key
 
 
-def test_raw_mj_step_is_the_measure_of_all_ratios(report: bench.Report) -> None:
+def test_mj_step_is_the_base_of_all_ratios(report: bench.Report) -> None:
     base = next(result for result in report.results if result.key == "mj_step")
     assert (base.ratio.low, base.ratio.high) == (1.0, 1.0)
 
 
-def test_the_report_names_the_machine_and_the_settings(report: bench.Report) -> None:
+def test_the_report_contains_the_machine_and_the_settings(report: bench.Report) -> None:
     assert report.machine["mujoco"] == mujoco.__version__
     assert report.settings == {"robot": "ant", "num_envs": 3, "threads": 2, "seconds": 0.01, "rounds": 2}
     assert report.text().startswith(f"{machine.cpu_name()}, ")
@@ -65,7 +65,7 @@ def test_the_report_names_the_machine_and_the_settings(report: bench.Report) -> 
 def test_the_command_prints_the_whole_report_as_json() -> None:
     arguments = ["--robot", "hexapod", "--envs", "2", "--threads", "1", "--seconds", "0.01", "--rounds", "1"]
     found = json.loads(dappo_batch("bench", *arguments, "--json")[0])
-    assert {one["key"] for one in (*found["results"], *found["missing"])} == set(CONTENDERS)
+    assert {one["key"] for one in (*found["results"], *found["missing"])} == set(SIMULATORS)
     assert (found["settings"]["robot"], found["settings"]["num_envs"], found["base"]) == (
         "hexapod",
         2,
@@ -73,13 +73,13 @@ def test_the_command_prints_the_whole_report_as_json() -> None:
     )
     missing = {one["key"]: one for one in found["missing"]}
     assert "hexapod" in missing["gymnasium"]["reason"]
-    assert missing["gymnasium"]["install"] == ""  # nothing to install would change it
+    assert missing["gymnasium"]["install"] == ""  # nothing can be installed
 
 
-def test_an_absent_envpool_is_missing_with_its_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_envpool_is_reported_with_its_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(contenders.Unavailable, match="not installed") as caught:
-        contenders.EnvPool(workload())
+    with pytest.raises(simulators.Unavailable, match="not installed") as caught:
+        simulators.EnvPool(workload())
     assert caught.value.install == "pip install envpool"
 
 
@@ -93,12 +93,12 @@ def test_an_absent_envpool_is_missing_with_its_command(monkeypatch: pytest.Monke
         ({"robot": "unicorn"}, "unknown robot"),
     ],
 )
-def test_wrong_arguments_are_refused_by_name(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_rejected_by_name(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         bench.run(**arguments)
 
 
-class Busy(contenders.Contender):
+class Busy(simulators.Simulator):
     """Burns 2 ms of processor time in five env steps."""
 
     num_envs = 5
@@ -116,7 +116,7 @@ class Busy(contenders.Contender):
     def close(self) -> None: ...
 
 
-def test_rounds_rotate_and_count_what_was_done() -> None:
+def test_rounds_rotate_and_count_env_steps() -> None:
     log: list[str] = []
     samples = measure_rounds({key: Busy(key, log) for key in "abc"}, 1e-6, 3, lambda _: None)
     assert log == ["warm a", "warm b", "warm c", "a", "b", "c", "b", "c", "a", "c", "a", "b"]
@@ -137,19 +137,19 @@ def test_rates_are_compared_within_a_round() -> None:
 @pytest.mark.parametrize("key", [*sorted(OURS), "mj_step", "gymnasium"])
 def test_env_steps_of_all_envs_are_counted(key: str) -> None:
     try:
-        contender = CONTENDERS[key](workload())
-    except contenders.Unavailable as error:
+        simulator = SIMULATORS[key](workload())
+    except simulators.Unavailable as error:
         pytest.skip(str(error))
     try:
         count = {"mj_step": 2}.get(key, 3)  # one robot a thread
-        assert contender.run_for(0.0) == count
-        assert contender.run_for(0.0, 7) == 7 * count
+        assert simulator.run_for(0.0) == count
+        assert simulator.run_for(0.0, 7) == 7 * count
     finally:
-        contender.close()
+        simulator.close()
 
 
 def test_raw_steps_are_those_of_mujoco_with_episodes_of_the_robot() -> None:
-    raw = CONTENDERS["mj_step"](workload(threads=1))
+    raw = SIMULATORS["mj_step"](workload(threads=1))
     raw.run_for(0.0, 3000)
     (data,) = raw._data  # type: ignore[attr-defined]
     raw.close()
@@ -166,5 +166,5 @@ def test_actions_stay_in_range_and_do_not_repeat_soon() -> None:
     assert max(np.abs(batch).max() for batch in batches) <= 1.0
 
 
-def test_columns_are_aligned_to_the_right_but_the_first() -> None:
+def test_all_columns_but_the_first_are_right_aligned() -> None:
     assert align([("a", "x"), ("bcd", "123")]) == "a      x\nbcd  123"

@@ -149,7 +149,7 @@ def test_a_checkpoint_that_cannot_be_used_is_refused_by_name(
     assert not changed, "a refused resume must leave the run folder as it is"
 
 
-def test_the_evaluation_refuses_a_damaged_checkpoint_and_the_one_before_goes_on(
+def test_the_evaluation_refuses_a_damaged_checkpoint_and_training_resumes_from_the_one_before(
     run: Path, tmp_path: Path
 ) -> None:
     damaged, earlier = tmp_path / "damaged", tmp_path / "earlier"

@@ -185,7 +185,7 @@ def test_a_state_of_one_class_fits_every_other(tables: dict[str, ClassTable]) ->
             )
 
 
-def test_touch_signals_of_limbs_without_a_toe_are_muted(tables: dict[str, ClassTable]) -> None:
+def test_touch_sensors_of_limbs_without_a_toe_are_disabled(tables: dict[str, ClassTable]) -> None:
     table = tables["hexapod"]
     muted = {item.name: table.muted_touch[index] for index, item in enumerate(table.space.classes)}
     assert muted["healthy"] == ()
@@ -240,7 +240,7 @@ def test_physics_switches_the_integrator_and_nothing_else() -> None:
         ({"types": ["missing_toe", "missing_toe"]}, "must differ"),
         (
             {"types": ["missing_toe"], "damage_options": {"jammed_joint": {}}},
-            "damage_options names jammed_joint",
+            "damage_options has jammed_joint",
         ),
         ({"damage_options": {"missing_toe": {"size": 1}}}, "unknown parameters size"),
         ({"physics": "rk5"}, "physics must be one of rk4, euler"),

@@ -115,7 +115,7 @@ def test_numpy_maps_the_records_that_the_header_describes(collected: Collected, 
         assert np.isfinite(data["damaged"]).all()
 
 
-def test_a_synchronised_twin_of_a_healthy_robot_does_the_same(collected: Collected) -> None:
+def test_a_re_synchronised_twin_of_a_healthy_robot_does_the_same(collected: Collected) -> None:
     for way, steps in (("runtime", 1), ("residual", STEPS)):
         data = records(collected[way])
         healthy, twin = data["damaged"][:, 0, :steps], data["twin"][:, 0, :steps]
@@ -153,7 +153,9 @@ def test_shards_threads_and_extensions_do_not_change_the_records(expert: Path, t
         assert files(other)["dataset.json"] == files(whole)["dataset.json"]
 
 
-def test_what_a_kill_leaves_behind_the_last_record_is_written_anew(expert: Path, tmp_path: Path) -> None:
+def test_data_after_the_last_complete_record_are_overwritten_after_a_kill(
+    expert: Path, tmp_path: Path
+) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     dappo_batch(*arguments(expert, whole))
     dappo_batch(*arguments(expert, cut, rollouts=3))
@@ -170,7 +172,7 @@ def test_what_a_kill_leaves_behind_the_last_record_is_written_anew(expert: Path,
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_whole_blocks_and_the_same_command_goes_on(expert: Path, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_complete_blocks_and_the_same_command_resumes(expert: Path, tmp_path: Path) -> None:
     out, reference = tmp_path / "data", tmp_path / "reference"
     command = arguments(expert, out, "--preset", "runtime", rollouts=340)
     path = out / "rollouts-000000.npy"
@@ -182,7 +184,7 @@ def test_ctrl_c_keeps_whole_blocks_and_the_same_command_goes_on(expert: Path, tm
     assert files(out) == files(reference)
 
 
-def test_a_full_disk_is_named_and_leaves_a_valid_prefix(expert: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_an_error_and_leaves_a_valid_prefix(expert: Path, tmp_path: Path) -> None:
     whole, full = tmp_path / "whole", tmp_path / "full"
     rollouts = 200
     dappo_batch(*arguments(expert, whole, rollouts=rollouts))
@@ -238,7 +240,7 @@ def test_a_folder_of_other_records_is_left_alone(expert: Path, tmp_path: Path, c
     assert "truncated or foreign" in err
 
 
-def test_the_folder_is_gone_on_with_after_a_kill_at_its_very_start_and_by_any_spelling(
+def test_collection_resumes_after_a_kill_at_its_start_and_with_any_spelling_of_the_folder(
     expert: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"
@@ -273,10 +275,10 @@ def test_the_folder_is_gone_on_with_after_a_kill_at_its_very_start_and_by_any_sp
         ]
         assert run_cli([*command, "--seed", "3"]) == 0
         assert path.read_bytes() == expected
-    path.write_bytes(b"notes of somebody")
+    path.write_bytes(b"other notes")
     with pytest.raises(package.CheckpointError, match="its header does not fit"):
         package.collect_pairs(expert, cut, preset="paper", rollouts=5, timesteps=STEPS, seed=3)
-    assert path.read_bytes() == b"notes of somebody"
+    assert path.read_bytes() == b"other notes"
 
 
 def test_a_shard_that_is_being_collected_is_refused_and_others_are_not(expert: Path, tmp_path: Path) -> None:

@@ -44,18 +44,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-def test_a_training_equals_that_of_the_command_line_and_tells_its_metrics(tmp_path: Path, run: Path) -> None:
-    told: list[dict[str, Any]] = []
-    trained = dappo_batch.train(tmp_path / "run", total_steps=3 * ITERATION, callback=told.append, **OPTIONS)
+def test_a_training_equals_that_of_the_command_line_and_passes_metrics_to_the_callback(
+    tmp_path: Path, run: Path
+) -> None:
+    lines: list[dict[str, Any]] = []
+    trained = dappo_batch.train(tmp_path / "run", total_steps=3 * ITERATION, callback=lines.append, **OPTIONS)
     assert metrics(tmp_path / "run") == metrics(run)
-    assert [line["env_steps"] for line in told] == [ITERATION, 2 * ITERATION, 3 * ITERATION]
-    assert trained.metrics["kl"].tolist() == [line["kl"] for line in told]
+    assert [line["env_steps"] for line in lines] == [ITERATION, 2 * ITERATION, 3 * ITERATION]
+    assert trained.metrics["kl"].tolist() == [line["kl"] for line in lines]
     with (run / "eval" / "per_class.csv").open(newline="") as file:
         expected = [float(row["forward_reward"]) for row in csv.DictReader(file)]
     assert trained.per_class["true"]["forward_reward"].tolist() == expected
 
 
-def test_a_callback_stops_a_training_that_goes_on_as_if_it_had_not_stopped(tmp_path: Path, run: Path) -> None:
+def test_a_training_stopped_by_a_callback_resumes_bit_identically(tmp_path: Path, run: Path) -> None:
     stopped = dappo_batch.train(
         tmp_path / "run", total_steps=3 * ITERATION, callback=lambda line: line["iteration"] < 2, **OPTIONS
     )
@@ -66,7 +68,9 @@ def test_a_callback_stops_a_training_that_goes_on_as_if_it_had_not_stopped(tmp_p
     assert len(resumed.per_class["true"]["name"]) == 9
 
 
-def test_settings_change_when_a_run_goes_on_and_the_folder_notes_them(tmp_path: Path, run: Path) -> None:
+def test_settings_can_change_when_a_run_is_resumed_and_the_folder_records_them(
+    tmp_path: Path, run: Path
+) -> None:
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     resumed = dappo_batch.resume(
@@ -107,7 +111,7 @@ def test_an_explicit_setting_wins_over_the_flag_of_the_same_name_in_new_and_resu
         ({"ppo.learning_rate": -1}, "`ppo.learning_rate` is -1"),
     ],
 )
-def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it_is(
+def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_is_unchanged(
     run: Path, setting: dict[str, Any], message: str
 ) -> None:
     before = files(run)
@@ -116,7 +120,7 @@ def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_stays_as_it
     assert files(run) == before
 
 
-def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path: Path) -> None:
+def test_a_diverged_training_resumes_with_lower_learning_rates(tmp_path: Path) -> None:
     # One step takes a policy that hardly varies so far that the square of its KL overflows.
     huge = {"ppo.initial_log_variance": -40, "ppo.kl_hinge": 1e9, "ppo.learning_rate": 1.0}
     settings = {**OPTIONS["set"], **huge, "ppo.minibatch_size": 16}
@@ -133,7 +137,7 @@ def test_a_training_that_has_diverged_goes_on_with_lower_learning_rates(tmp_path
     assert resumed.meta.changes == (Change("ppo.learning_rate", 1.0, 1e-12, iteration=0, env_steps=0),)
 
 
-def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) -> None:
+def test_exceptions_of_a_callback_are_raised_and_the_run_can_be_resumed(tmp_path: Path) -> None:
     def fail(_: dict[str, Any]) -> None:
         raise LookupError("of the callback")
 
@@ -142,7 +146,7 @@ def test_what_a_callback_raises_arrives_and_the_run_can_go_on(tmp_path: Path) ->
     assert 0 < len(dappo_batch.load_run(tmp_path / "run").metrics["iteration"]) < 40
 
 
-def test_ctrl_c_stops_in_good_order_and_later_strikes_python_again(tmp_path: Path) -> None:
+def test_ctrl_c_stops_gracefully_and_pythons_handler_is_restored(tmp_path: Path) -> None:
     program = """
 import sys, dappo_batch
 options = {"threads": 1, "num_envs": 4, "set": {"horizon": 16, "ppo.hidden": [8]}}
@@ -231,7 +235,7 @@ def test_settings_have_the_values_of_python(tmp_path: Path) -> None:
 
 
 def test_a_mean_reward_of_a_diagnosis_needs_a_policy(run: Path) -> None:
-    with pytest.raises(ConfigError, match="give its run folder as policy"):
+    with pytest.raises(ConfigError, match="also pass its run folder as policy"):
         dappo_batch.evaluate_diagnoser(run, data=[run], episodes=3)
     with pytest.raises(ConfigError, match="models must have at least one entry"):
         dappo_batch.evaluate_diagnoser(data=[run])
@@ -244,12 +248,12 @@ def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
     files = dappo_batch.collect_pairs(run, tmp_path / "pairs", rollouts=6, **paper)
     records = np.load(files[0], mmap_mode="r")
     assert records["damaged"].shape[:3] == (6, 9, 4)
-    told: list[dict[str, Any]] = []
+    lines: list[dict[str, Any]] = []
     out = tmp_path / "diagnoser"
     epochs = dappo_batch.train_diagnoser(
-        tmp_path / "pairs", out, method="A", set={"epochs": 2}, threads=1, callback=told.append
+        tmp_path / "pairs", out, method="A", set={"epochs": 2}, threads=1, callback=lines.append
     )
-    assert [epoch.to_dict() for epoch in epochs] == told
+    assert [epoch.to_dict() for epoch in epochs] == lines
     lines = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
     assert [line["train_loss"] for line in lines] == [epoch.train_loss for epoch in epochs]
     dappo_batch.collect_pairs(run, tmp_path / "test", rollouts=2, seed=7, **paper)
@@ -261,7 +265,7 @@ def test_from_pairs_to_a_diagnoser(tmp_path: Path, run: Path) -> None:
 
 
 @pytest.mark.parametrize(("old", "new"), [("envs", "num_envs"), ("steps", "total_steps")])
-def test_old_names_of_options_still_work_and_say_the_new_ones(old: str, new: str, tmp_path: Path) -> None:
+def test_old_names_of_options_still_work_with_a_warning(old: str, new: str, tmp_path: Path) -> None:
     with (
         pytest.warns(FutureWarning, match=f"the option {old} is called {new} now") as warned,
         pytest.raises(ConfigError, match=f"{new} must be at least 1"),
@@ -272,7 +276,7 @@ def test_old_names_of_options_still_work_and_say_the_new_ones(old: str, new: str
         dappo_batch.train(tmp_path / "run", **{old: 1, new: 1})  # type: ignore[arg-type]
 
 
-def test_the_old_name_of_a_budget_still_works_when_a_run_goes_on(run: Path, tmp_path: Path) -> None:
+def test_the_old_name_of_a_budget_still_works_when_a_run_is_resumed(run: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(run, copy)
     with pytest.warns(FutureWarning, match="the option steps is called total_steps now"):

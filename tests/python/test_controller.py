@@ -38,7 +38,7 @@ def kinds(controller: Controller, robot: int = 0) -> list[str]:
     return [event.kind for event in controller.events if event.robot == robot]
 
 
-def told(controller: Controller) -> list[str]:
+def assumed(controller: Controller) -> list[str]:
     return [controller.class_names[index] for index in controller.damage_classes]
 
 
@@ -88,7 +88,7 @@ def at(onset: int, episodes: int = EPISODES) -> tuple[str, ...]:
     return ("--at", str(onset), "--episodes", str(episodes))
 
 
-def test_every_damage_is_noticed_named_and_told_and_healthy_robots_are_left_alone(trial: Record) -> None:
+def test_every_damage_is_detected_and_diagnosed_and_healthy_robots_raise_no_alarm(trial: Record) -> None:
     healthy, *damaged = trial["classes"]
     assert len(damaged) == CLASSES - 1
     assert healthy["false_alarms"] == 0
@@ -114,7 +114,7 @@ def test_the_table_of_all_classes_is_what_was_printed(parts: Path, trial: Record
     assert json.loads((parts / "aware" / "eval" / "adapt.json").read_text()) == trial
 
 
-def test_a_single_damage_is_told_as_a_story_and_logged_step_by_step(parts: Path, tmp_path: Path) -> None:
+def test_events_of_a_single_damage_are_printed_and_logged_step_by_step(parts: Path, tmp_path: Path) -> None:
     log = tmp_path / "trace.csv"
     out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET, 1), "--log", log)
     assert "damage suspected" in out
@@ -147,13 +147,13 @@ def test_a_fleet_is_controlled_as_its_robots_would_be_alone(parts: Path) -> None
                 np.testing.assert_allclose(action, actions[index], rtol=0, atol=1e-6)
             robots.obs, _, _, _, infos = robots.envs.step(actions)
             robots.velocity = infos["forward_velocity"]
-    assert told(fleet) == damages
+    assert assumed(fleet) == damages
     for index, controller in enumerate(alone):
         assert kinds(controller) == kinds(fleet, index)
         assert controller.damage_classes == [fleet.damage_classes[index]]
 
 
-def test_another_expert_walks_during_an_examination_and_only_then(parts: Path) -> None:
+def test_another_expert_acts_only_during_a_diagnosis(parts: Path) -> None:
     def actions(expert: str | None) -> tuple[NDArray[np.float32], list[int]]:
         folders = {"diagnoser": parts / "diagnoser", "expert": parts / expert if expert else None}
         controller, robots = Controller(parts / "aware", **folders), Robots(["healthy"])
@@ -179,7 +179,7 @@ def test_another_expert_walks_during_an_examination_and_only_then(parts: Path) -
     assert (own[first : first + 20] != other[first : first + 20]).any(axis=1).all()
 
 
-def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) -> None:
+def test_lost_observations_are_replaced_and_raise_no_suspicion(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
 
     def sensors(step: int, obs: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -198,7 +198,7 @@ def test_readings_that_are_lost_are_bridged_and_raise_no_suspicion(parts: Path) 
     assert np.isfinite(make(parts).act(np.full(111, np.nan), np.nan)).all()
 
 
-def test_readings_beyond_all_bounds_end_in_finite_actions(parts: Path) -> None:
+def test_observations_out_of_range_lead_to_finite_actions(parts: Path) -> None:
     controller = make(parts)
     for reading in (1e30, -1e30, 0.0, 1e-40):
         for _ in range(100):
@@ -206,7 +206,7 @@ def test_readings_beyond_all_bounds_end_in_finite_actions(parts: Path) -> None:
     assert "suspected" in kinds(controller)
 
 
-def test_contact_forces_that_are_off_and_little_noise_raise_no_suspicion(parts: Path) -> None:
+def test_wrong_contact_forces_and_little_noise_raise_no_suspicion(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
     rng = np.random.default_rng(0)
 
@@ -218,7 +218,7 @@ def test_contact_forces_that_are_off_and_little_noise_raise_no_suspicion(parts: 
     assert kinds(controller) == []
 
 
-def test_a_sensor_that_is_stuck_is_suspected_and_examined_ever_more_rarely(parts: Path) -> None:
+def test_a_stuck_sensor_raises_suspicions_at_increasing_intervals(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
     stuck: list[NDArray[np.float32]] = []
 
@@ -236,17 +236,17 @@ def test_a_sensor_that_is_stuck_is_suspected_and_examined_ever_more_rarely(parts
     assert all(later > earlier for earlier, later in pairwise(waits)), begun
 
 
-def test_another_damage_and_its_repair_are_noticed_as_the_first_one_was(parts: Path) -> None:
+def test_a_second_damage_and_its_repair_are_detected_like_the_first(parts: Path) -> None:
     controller, robots = make(parts), Robots(["healthy"])
     robots.walk(controller, ONSET)
     for damage, steps in (("missing_toe@1", 60), ("jammed_joint@2", 70), ("healthy", 100)):
         robots.become([damage])
         robots.walk(controller, steps)
-        assert told(controller) == [damage]
+        assert assumed(controller) == [damage]
     assert kinds(controller) == ["suspected", "diagnosed", "adapted"] * 3
 
 
-def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Path) -> None:
+def test_damage_during_a_diagnosis_window_is_diagnosed_in_the_end(parts: Path) -> None:
     controller, robots = make(parts, EPISODES), Robots(["healthy"] * EPISODES)
     robots.walk(controller, ONSET)
     robots.become(["missing_toe@1"] * EPISODES)
@@ -257,10 +257,10 @@ def test_damage_that_strikes_during_an_examination_is_named_in_the_end(parts: Pa
     # What is named after a window of two damages may be wrong, but it does not last.
     robots.walk(controller, 350)
     # A robot that lies still hardly shows a jammed joint.
-    assert told(controller).count("jammed_joint@2") > EPISODES / 2
+    assert assumed(controller).count("jammed_joint@2") > EPISODES / 2
 
 
-def test_a_diagnosis_without_confidence_is_not_believed(parts: Path) -> None:
+def test_a_diagnosis_with_low_confidence_is_not_accepted(parts: Path) -> None:
     controller, robots = make(parts, confidence=1.0), Robots(["healthy"])
     robots.walk(controller, ONSET)
     robots.become(["missing_toe@1"])
@@ -270,7 +270,7 @@ def test_a_diagnosis_without_confidence_is_not_believed(parts: Path) -> None:
     assert controller.damage_classes == [0]
 
 
-def test_a_reset_forgets_the_damage_of_the_robots_in_its_mask(parts: Path) -> None:
+def test_a_reset_clears_the_assumed_class_of_the_robots_in_its_mask(parts: Path) -> None:
     controller, robots = make(parts, 2), Robots(["healthy"] * 2)
     robots.walk(controller, ONSET)
     robots.become(["missing_toe@1", "missing_toe@1"])
@@ -283,7 +283,7 @@ def test_a_reset_forgets_the_damage_of_the_robots_in_its_mask(parts: Path) -> No
     assert controller.damage_classes.tolist() == [0, 0]
 
 
-def test_a_reset_forgets_what_was_read_of_the_robot_before(parts: Path) -> None:
+def test_a_reset_clears_earlier_observations_of_the_robot(parts: Path) -> None:
     used, fresh = make(parts, 2), make(parts, 2)
     robots = Robots(["healthy", "healthy"])
     robots.walk(used, 3)
@@ -296,7 +296,7 @@ def test_a_reset_forgets_what_was_read_of_the_robot_before(parts: Path) -> None:
     assert np.abs(actions[0] - held).max() > 1e-3, "the readings of the robot before lead to other actions"
 
 
-def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands(parts: Path) -> None:
+def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands_still(parts: Path) -> None:
     controller = Controller(
         parts / "aware", diagnoser=parts / "diagnoser", trigger="speed", settings={"speed_window": 10}
     )

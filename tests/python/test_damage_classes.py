@@ -90,7 +90,7 @@ def test_the_number_of_classes_is_the_papers_formula(
 ) -> None:
     classes = classes_of(limbs, types, damaged)
     assert len(classes) == count
-    assert len({tuple(c["code"]) for c in classes}) == count, "codes must tell classes apart"
+    assert len({tuple(c["code"]) for c in classes}) == count, "codes must differ"
 
 
 def test_the_command_takes_other_types_and_numbers_of_damaged_limbs(
@@ -103,7 +103,7 @@ def test_the_command_takes_other_types_and_numbers_of_damaged_limbs(
     assert [c["code"] for c in listed[:2]] == [[0, 0, 0, 0], [1, 0, 0, 0]]
 
 
-def test_a_robot_file_of_ones_own_has_classes_in_its_own_order_of_types(
+def test_classes_of_your_own_robot_file_follow_its_order_of_types(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     listed = classes_as_json(capfd, "--robot", str(TRIPOD))
@@ -114,7 +114,7 @@ def test_a_robot_file_of_ones_own_has_classes_in_its_own_order_of_types(
     assert listed[-1]["code"] == [0, 1, 0, 1, 0, 1]
 
 
-def test_the_table_for_people_holds_the_same_as_the_json(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_printed_table_contains_the_same_as_the_json(capfd: pytest.CaptureFixture[str]) -> None:
     assert run_cli(["classes"]) == 0
     lines = capfd.readouterr().out.splitlines()
     assert lines[0].split() == ["id", "name", "group", "code"]

@@ -192,7 +192,7 @@ def test_a_weak_motor_gives_a_share_of_the_torque_in_every_state(name: str, fiel
     assert len(own) == len(robot.limbs[1].joints)
 
 
-def test_a_muscle_is_no_motor_that_could_weaken() -> None:
+def test_a_muscle_is_not_a_motor_that_can_weaken() -> None:
     spec = mujoco.MjSpec.from_string(
         '<mujoco><worldbody><body name="b"><joint name="j"/><geom name="toe" size="1"/></body></worldbody>'
         '<actuator><muscle name="biceps" joint="j" lengthrange="0 1"/></actuator></mujoco>'
@@ -201,7 +201,7 @@ def test_a_muscle_is_no_motor_that_could_weaken() -> None:
         WeakMotor().apply(spec, Limb(name="only", body="b", joints=("j",), toe_geom="toe"), 1.0)
 
 
-def test_only_the_missing_toe_mutes_the_touch_signal() -> None:
+def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
     assert {name: kind.mutes_touch for name, kind in DAMAGE_TYPES.items()} == {
         "jammed_joint": False,
         "missing_toe": True,
@@ -271,7 +271,9 @@ def test_damage_that_does_not_fit_the_limb_is_refused(damage: DamageType, messag
         ('<joint name="k"/><geom name="claw" size="1"/>', MissingToe(0.01), "no geom 'toe'"),
     ],
 )
-def test_a_limb_that_cannot_break_in_this_way_is_named(body: str, damage: DamageType, message: str) -> None:
+def test_a_limb_that_cannot_break_in_this_way_is_in_the_error(
+    body: str, damage: DamageType, message: str
+) -> None:
     spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="b">{body}</body></worldbody></mujoco>')
     limb = Limb(name="only", body="b", joints=("j",), toe_geom="toe")
     with pytest.raises(ConfigError, match=message):
@@ -327,7 +329,7 @@ FEET = {
 
 @pytest.mark.parametrize("foot", FEET)
 @pytest.mark.parametrize("severity", [0.5, 1.0])
-def test_a_foot_comes_with_the_end_of_the_stump(foot: str, severity: float) -> None:
+def test_a_foot_moves_to_the_end_of_the_stump(foot: str, severity: float) -> None:
     end, kind = FEET[foot]
     sound = places(limb(end), kind, "foot")
     spec = limb(end)
@@ -345,7 +347,7 @@ def test_what_lies_on_the_stump_stays_there() -> None:
     assert places(spec, "geom", "knee") == pytest.approx([0, 0, 0.02])
 
 
-def test_a_cover_that_is_only_looked_at_is_hidden() -> None:
+def test_a_visual_geom_is_hidden() -> None:
     spec = limb(
         '<geom name="cover" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2" contype="0" conaffinity="0"'
         ' mass="0"/>'
@@ -370,12 +372,12 @@ def test_a_cover_that_is_only_looked_at_is_hidden() -> None:
         (
             '<body pos="0 0 -0.4"><joint name="heel"/><geom size="0.05"/></body>',
             "",
-            "joint heel hangs on geom toe, so that is not the lowest",
+            "joint heel is below geom toe, so that is not the lowest",
         ),
         (
             "",
             '<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
-            "an equality constraint holds body shank",
+            "an equality constraint is attached to body shank",
         ),
         (
             "",
@@ -402,7 +404,7 @@ def test_a_toe_that_carries_nothing_but_is_held_by_a_constraint_is_refused() -> 
         joint="",
     )
     spec = mujoco.MjSpec.from_string(text.replace('<site name="ankle" pos="0 0 -0.4"/>', ""))
-    with pytest.raises(ConfigError, match="an equality constraint holds body shank"):
+    with pytest.raises(ConfigError, match="an equality constraint is attached to body shank"):
         STUMP.apply(spec, ONE, 1.0)
 
 
@@ -529,7 +531,7 @@ def test_a_registered_type_is_known_wherever_types_are_named(
     assert [entry.name for entry in table.space.classes][1] == "rusty@0"
     joint = table.models[1].joint(table.robot.limbs[0].joints[0])
     assert table.models[1].dof_frictionloss[joint.dofadr[0]] == 1.0
-    # A cell of a notebook that runs again makes the class anew.
+    # A cell of a notebook that runs again defines the class again.
     again = rusty("rusty")
     register_damage_type(again)
     assert damage_types["rusty"] is again

@@ -128,19 +128,23 @@ class PhysicsOverflowError(RuntimeError):
             RuntimeError("Failed to allocate 99 bytes on device 'cuda:0'"),
             "the device has too little memory: Failed to allocate 99 bytes on device 'cuda:0'; use fewer",
         ),
-        (PhysicsOverflowError(njmax=40), "no room; give more, for example --njmax 80, or njmax=80 in Python"),
+        (
+            PhysicsOverflowError(njmax=40),
+            "no room; raise the sizes, for example --njmax 80, or njmax=80 in Python",
+        ),
         (
             PhysicsOverflowError(njmax=40, nconmax=9),
-            "no room; give more, for example --njmax 80 --nconmax 18, or njmax=80, nconmax=18 in Python",
+            "no room; raise the sizes, for example --njmax 80 --nconmax 18,"
+            " or njmax=80, nconmax=18 in Python",
         ),
         (PhysicsOverflowError(), "no room; --device cpu simulates every robot"),
         (FloatingPointError("9 numbers"), "the training has diverged: 9 numbers; try a smaller"),
-        (NotImplementedError("no wheels"), "the backend warp cannot go on: no wheels; --device cpu"),
+        (NotImplementedError("no wheels"), "the backend warp failed: no wheels; --device cpu"),
         (RuntimeError("CUDA error 700"), "RuntimeError: CUDA error 700"),
-        (ConfigError("told already"), "told already"),
+        (ConfigError("known error"), "known error"),
     ],
 )
-def test_errors_of_the_device_say_what_to_do(error: Exception, message: str) -> None:
+def test_errors_of_the_device_contain_a_remedy(error: Exception, message: str) -> None:
     assert devices.explain(error).startswith(message)
 
 

@@ -70,7 +70,7 @@ def test_a_training_leaves_its_settings_metrics_model_and_results(folder: Path) 
     assert np.trace(counts) / counts.sum() == pytest.approx(best["validation_accuracy"])
 
 
-def test_a_network_names_the_damage_of_unseen_rollouts_better_than_chance(folder: Path) -> None:
+def test_a_network_classifies_the_damage_of_unseen_rollouts_better_than_chance(folder: Path) -> None:
     out, _ = dappo_batch("diagnose", "test", folder / "b", "--data", folder / "paper_test", "--json")
     (tested,) = json.loads(out)
     summary = tested["summary"]
@@ -98,7 +98,7 @@ def test_several_networks_and_datasets_make_a_cross_table(folder: Path) -> None:
         assert f"{100 * entry['summary']['accuracy']:.2f}" in text
 
 
-def test_the_cost_of_mistakes_is_the_reward_of_a_policy_that_believes_them(folder: Path) -> None:
+def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_them(folder: Path) -> None:
     command = ("test", folder / "b", "--data", folder / "paper_test", "--policy", folder / "aware")
     out, _ = dappo_batch("diagnose", *command, "--episodes", "2", "--json")
     (tested,) = json.loads(out)
@@ -165,7 +165,7 @@ def test_ctrl_c_and_resume_lead_to_the_same_epochs(folder: Path, tmp_path: Path)
         assert (halves / path).read_bytes() == (whole / path).read_bytes()
 
 
-def test_bad_input_is_refused_with_the_way_out(folder: Path, tmp_path: Path) -> None:
+def test_bad_input_is_refused_with_a_remedy(folder: Path, tmp_path: Path) -> None:
     train = ("diagnose", "train", folder / "paper", "--out", tmp_path / "out")
     test = ("diagnose", "test", folder / "b", "--data")
     expected: dict[tuple[str | Path, ...], tuple[int, str]] = {

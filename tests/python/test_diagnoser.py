@@ -52,7 +52,7 @@ def log(records: Any, rollout: int) -> tuple[NDArray[np.float32], NDArray[np.flo
     return records["damaged"][rollout], records["actions"][rollout, :, 1:]
 
 
-def test_it_says_what_it_is(diagnoser: Diagnoser) -> None:
+def test_a_diagnoser_has_its_sizes_and_class_names(diagnoser: Diagnoser) -> None:
     assert (diagnoser.obs_dim, diagnoser.action_dim, diagnoser.timesteps) == (111, 8, STEPS)
     table = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
     assert diagnoser.class_names == [item.name for item in table.space.classes]
@@ -65,7 +65,7 @@ def test_twins_of_a_log_are_those_of_the_record(diagnoser: Diagnoser, records: A
     np.testing.assert_array_equal(diagnoser.twin(obs[3], actions[3]), twins[3])
 
 
-def test_most_logs_name_their_damage_and_robots_do_not_depend_on_each_other(
+def test_most_logs_are_diagnosed_correctly_and_robots_are_independent(
     diagnoser: Diagnoser,
     records: Any,  # noqa: ANN401
 ) -> None:

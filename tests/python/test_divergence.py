@@ -53,7 +53,7 @@ def diverging(model: mujoco.MjModel) -> dict[str, State]:
 
 
 def calm(model: mujoco.MjModel) -> dict[str, State]:
-    """Return states that MuJoCo goes on from, though a robot would hardly get there."""
+    """Return extreme states that do not diverge in MuJoCo."""
     far = model.qpos0.copy()
     far[:2] = (1e6, -1e6)
     return {"reference pose": (model.qpos0, np.zeros(model.nv)), "far away": (far, np.zeros(model.nv))}
@@ -98,7 +98,7 @@ def test_a_diverged_robot_fails_and_stands_in_the_reference_pose_of_its_class(
         _ = envs.diverged
 
 
-def test_a_diverged_robot_leaves_the_others_alone(
+def test_a_diverged_robot_does_not_change_the_others(
     assert_identical: Callable[..., None], ant_table: ClassTable, options: dict[str, Any]
 ) -> None:
     model = ant_table.models[0]
@@ -155,7 +155,7 @@ def exploding_ant(folder: Path) -> Path:
     return folder / "ant.toml"
 
 
-def test_a_training_reports_divergences_and_goes_on(tmp_path: Path, backend: str) -> None:
+def test_a_training_reports_divergences_and_continues(tmp_path: Path, backend: str) -> None:
     robot, run = exploding_ant(tmp_path / "robot"), tmp_path / "run"
     arguments = ("--backend", backend, "--steps", str(2 * ITERATION), *TINY)
     _, err = command("train", "--robot", robot, "--run", run, *arguments, cwd=tmp_path)
@@ -166,7 +166,7 @@ def test_a_training_reports_divergences_and_goes_on(tmp_path: Path, backend: str
     assert f"divergences of the physics: {sum(counts)};" in err
 
 
-def test_a_sound_training_reports_no_divergence(tmp_path: Path, backend: str) -> None:
+def test_a_stable_training_reports_no_divergence(tmp_path: Path, backend: str) -> None:
     run = tmp_path / "run"
     _, err = command("train", "--run", run, "--backend", backend, "--steps", str(ITERATION), *TINY)
     assert [line["diverged"] for line in metrics(run)] == [0]

@@ -166,7 +166,7 @@ def test_every_relative_link_and_image_leads_to_a_file_and_a_heading(page: Path)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_command_and_option_that_a_page_names_exists(page: Path) -> None:
+def test_every_command_and_option_in_a_page_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     shell = "\n".join(block.text for block in blocks(page) if block.language == "sh")
     spans = "\n".join(re.findall(r"`([^`\n]+)`", FENCE.sub("", text)))
@@ -183,7 +183,7 @@ def test_every_command_and_option_that_a_page_names_exists(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "docs" / "api.md", *EXAMPLES], ids=name_of)
-def test_every_python_name_that_a_page_mentions_exists(page: Path) -> None:
+def test_every_python_name_in_a_page_exists(page: Path) -> None:
     missing = sorted(name for name in python_names(page) if not exists(name))
     assert not missing, f"{name_of(page)} mentions names that do not exist: {', '.join(missing)}"
 
@@ -205,7 +205,7 @@ def test_an_invented_python_name_does_not_pass(text: str, tmp_path: Path) -> Non
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_make_job_that_a_page_names_exists(page: Path) -> None:
+def test_every_make_job_in_a_page_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     jobs = set(re.findall(r"^make ([a-z-]+)", text, re.MULTILINE)) | set(
         re.findall(r"`make ([a-z-]+)`", text)

@@ -1,4 +1,4 @@
-"""`dappo-batch evaluate`: groups of classes, what the policy is told, and the comparison of learners."""
+"""`dappo-batch evaluate`: groups of classes, encodings of the damage code, and the comparison of learners."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def test_the_seeds_widen_the_intervals_so_that_the_comparison_with_numpy_sees_th
     assert with_seeds - without > 2 * TOLERANCE * (first - second).std()
 
 
-def test_a_comparison_is_told_in_words_too(compared: tuple[dict[str, Any], str]) -> None:
+def test_a_comparison_is_printed_as_text_too(compared: tuple[dict[str, Any], str]) -> None:
     found, text = compared
     summary = found["comparison"]["summary"]
     lines = [line.strip() for line in text.splitlines()]
@@ -233,7 +233,7 @@ def test_a_comparison_is_told_in_words_too(compared: tuple[dict[str, Any], str])
     assert lines[-1] == "intervals: 95 % of 10000 bootstrap resamples over classes and seeds"
 
 
-def test_one_seed_and_no_pairs_are_said(tmp_path: Path) -> None:
+def test_one_seed_and_missing_pairs_are_printed(tmp_path: Path) -> None:
     # One damage at most; on level ground the mean of a policy that never learnt is somewhere around 0.
     run, other = tmp_path / "run", tmp_path / "other"
     train = ("train", "--steps", str(ITERATION))
@@ -262,11 +262,11 @@ def test_an_evaluation_with_other_settings_leaves_that_of_the_run_alone(runs: Pa
     run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
     names = ["evaluation.json", "groups.csv", "per_class.csv"]
     own = {name: (run / "eval" / name).read_bytes() for name in names}
-    dappo_batch("evaluate", run, "--episodes", "2", "--seed", "7")
-    extra = run / "eval" / "episodes-2_seed-7"
+    dappo_batch("evaluate", run, "--episodes", "3", "--seed", "7")
+    extra = run / "eval" / "episodes-3_seed-7"
     assert sorted(path.name for path in extra.iterdir()) == names
     stored = json.loads((extra / "evaluation.json").read_text())
-    assert [entry["episodes"] for entry in stored["classes"]] == [2] * 33
+    assert [entry["episodes"] for entry in stored["classes"]] == [3] * 33
     rows = read(extra / "per_class.csv")
     for entry, row in zip(stored["classes"], rows, strict=True):
         assert row["name"] == entry["name"]
@@ -296,7 +296,7 @@ def test_several_runs_alone_are_averaged(runs: Path, tmp_path: Path) -> None:
     )
 
 
-def test_what_the_policy_is_told_changes_what_it_does(runs: Path, tmp_path: Path) -> None:
+def test_the_damage_code_changes_the_actions_of_the_policy(runs: Path, tmp_path: Path) -> None:
     run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
     before = files(run)
     commands = [("evaluate", run, "--encoding", name, "--json") for name in ("zero", "wrong", "random")]
@@ -306,18 +306,18 @@ def test_what_the_policy_is_told_changes_what_it_does(runs: Path, tmp_path: Path
     after = files(run)
     assert {name: after[name] for name in before} == before, "the true tables stay"
     assert sorted(after.keys() - before.keys()) == sorted(
-        f"eval/{table}.{name}.csv"
-        for table in ("per_class", "groups")
+        f"eval/{table.format(name)}"
+        for table in ("per_class.{}.csv", "groups.{}.csv", "evaluation.{}.json")
         for name in ("zero", "wrong", "random")
     )
-    told = {
+    tables = {
         name: column(read(run / "eval" / f"per_class{name}.csv"), "forward_reward")
         for name in ("", ".zero", ".wrong", ".random")
     }
     # All zeros are the code of the healthy robot, class 0.
-    assert (told[".zero"] == told[""]).tolist() == [True] + [False] * 32
-    assert not (told[".wrong"] == told[""]).any()
-    assert not (told[".random"] == told[""]).any()
+    assert (tables[".zero"] == tables[""]).tolist() == [True] + [False] * 32
+    assert not (tables[".wrong"] == tables[""]).any()
+    assert not (tables[".random"] == tables[""]).any()
 
 
 def test_the_cost_of_a_wrong_code_is_a_comparison_of_a_run_with_itself(runs: Path, tmp_path: Path) -> None:
@@ -354,7 +354,7 @@ def test_results_do_not_depend_on_the_number_of_threads(runs: Path, tmp_path: Pa
             del entry["run"]
         found.append((tables, summary))
     assert found[0] == found[1]
-    assert len(found[0][0]) == 5
+    assert len(found[0][0]) == 7
 
 
 def edited(run: Path, folder: Path, *changes: tuple[str, str]) -> Path:

@@ -171,7 +171,9 @@ def test_actions_in_onnx_end_at_their_bounds(exports: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("kind", ["A", "B", "D", "limbs"])
-def test_diagnosers_in_onnx_and_tensors_are_as_certain_as_the_originals(exports: Path, kind: str) -> None:
+def test_diagnosers_in_onnx_and_tensors_have_the_probabilities_of_the_originals(
+    exports: Path, kind: str
+) -> None:
     folder, rng = exports / kind, np.random.default_rng(1)
     header = header_of(folder)
     part = header["diagnoser"]
@@ -183,7 +185,7 @@ def test_diagnosers_in_onnx_and_tensors_are_as_certain_as_the_originals(exports:
     np.testing.assert_allclose(numpy_diagnoser(header, folder, windows), expected, rtol=0, atol=1e-5)
 
 
-def test_the_header_says_what_a_program_must_know(exports: Path, parts: Path) -> None:
+def test_the_header_describes_everything_that_a_program_needs(exports: Path, parts: Path) -> None:
     header = header_of(exports / "D")
     space = dappo_batch.DamageSpace(4, ["jammed_joint", "missing_toe"], 1)
     assert header["format"] == "dappo-batch export 1"
@@ -218,7 +220,7 @@ def test_the_header_lists_every_file_with_its_sha_256(exports: Path) -> None:
         assert entry == {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
-def test_the_robot_of_the_folder_moves_to_the_bit_as_the_healthy_class(exports: Path) -> None:
+def test_the_robot_of_the_folder_moves_bit_identically_to_the_healthy_class(exports: Path) -> None:
     healthy = dappo_batch.compile_class_table("ant", max_damaged_limbs=1).models[0]
     model = mujoco.MjModel.from_xml_path(str(exports / "B" / "robot.xml"))
     one, other = mujoco.MjData(healthy), mujoco.MjData(model)
@@ -246,7 +248,7 @@ def walk(controllers: list[Any], damage: str, steps: int) -> list[list[NDArray[n
 
 
 @pytest.mark.parametrize("kind", ["B", "expert"])
-def test_a_controller_from_the_folder_acts_to_the_bit_as_the_one_it_was_made_of(
+def test_a_controller_from_the_folder_acts_bit_identically_to_the_original(
     exports: Path, parts: Path, kind: str
 ) -> None:
     settings: dict[str, Any] = {}
@@ -382,7 +384,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(parts: Path, tmp_
     assert not list(tmp_path.glob("out/*"))
 
 
-def test_a_policy_alone_is_exported_and_acts_to_the_bit_as_in_its_run(
+def test_a_policy_alone_is_exported_and_acts_bit_identically_to_its_run(
     parts: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for run_name, evaluated in (("aware", True), ("expert", False)):
@@ -401,14 +403,14 @@ def test_a_policy_alone_is_exported_and_acts_to_the_bit_as_in_its_run(
         for name in ("obs_dim", "action_dim", "observes_damage", "class_names", "env_steps"):
             assert getattr(exported, name) == getattr(original, name)
         obs = np.random.default_rng(0).normal(size=(20, OBS)).astype("f4")
-        told = np.arange(20) % CLASSES
+        classes = np.arange(20) % CLASSES
         np.testing.assert_array_equal(
-            exported.act(obs, damage_class=told), original.act(obs, damage_class=told)
+            exported.act(obs, damage_class=classes), original.act(obs, damage_class=classes)
         )
-        codes = [header["classes"][index]["code"] for index in told]
+        codes = [header["classes"][index]["code"] for index in classes]
         action, mean_action = onnx_outputs(out / "policy.onnx", np.concatenate([obs, codes], 1).astype("f4"))
         np.testing.assert_array_equal(action, np.clip(mean_action, -1, 1))
-        np.testing.assert_allclose(mean_action, exported.act(obs, damage_class=told), rtol=0, atol=1e-5)
+        np.testing.assert_allclose(mean_action, exported.act(obs, damage_class=classes), rtol=0, atol=1e-5)
         with pytest.raises(dappo_batch.CheckpointError, match=r"holds a policy alone.*--diagnoser"):
             Controller.from_export(out)
 

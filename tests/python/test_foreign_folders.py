@@ -1,4 +1,4 @@
-"""Folders from somebody else are data: nothing outside of them is read or written, and nothing hangs."""
+"""Folders from untrusted sources: nothing outside of them is read or written, and nothing hangs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folders(made: Path, tmp_path: Path) -> Path:
-    """Copy them all, and put a file beside them that nobody must touch."""
+    """Copy them all, and put a file next to them that must not change."""
     root = tmp_path / "folders"
     shutil.copytree(made, root)
     (tmp_path / "victim").write_text(PRECIOUS)
@@ -248,7 +248,7 @@ def test_a_file_that_only_claims_to_be_large_takes_no_memory(folders: Path, tmp_
         Policy.load(folders / "run")
     with pytest.raises(CheckpointError, match=r"policy\.safetensors"):
         controller(folders)
-    # The manifest may tell the same lie.
+    # The manifest may have the same wrong size.
     manifest = json.loads((folders / "run" / NEWEST / "manifest.json").read_text())
     for file in manifest["files"]:
         file["bytes"] = (folders / "run" / NEWEST / file["name"]).stat().st_size
@@ -304,7 +304,7 @@ def test_a_file_that_is_not_listed_is_refused(folders: Path) -> None:
     (folders / "diagnoser" / "model" / "notes.txt").write_text("mine")
     with pytest.raises(CheckpointError, match=r"notes.txt: diagnoser.toml does not list it"):
         diagnose(folders)
-    # And an export that holds somebody's notes is not replaced.
+    # An export that contains other files is not replaced.
     again = ("export", folders / "run", "--diagnoser", folders / "diagnoser", "--out", folders / "export")
     assert "notes.txt is no file of an export" in command_line(*again, code=1)[1]
     assert (folders / "export" / "notes.txt").read_text() == "mine"

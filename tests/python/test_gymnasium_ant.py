@@ -105,7 +105,7 @@ def test_the_time_limit_of_make_is_the_only_one() -> None:
     assert ends == [(False, False)] * 1002 + [(False, True)]
 
 
-def test_a_single_env_returns_python_numbers_and_the_classes_it_was_asked_for(ant_table: ClassTable) -> None:
+def test_a_single_env_returns_python_numbers_and_the_chosen_classes(ant_table: ClassTable) -> None:
     env = DamageEnv(ant_table, damage="uniform")
     obs, info = env.reset(seed=0, options={"damage_class": "jammed_joint@2"})
     assert obs.shape == (119,)

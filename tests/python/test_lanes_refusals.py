@@ -95,7 +95,7 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
         ((KNEE, f'{KNEE}<body name="claw"><joint axis="0 1 0"/><geom size="0.02 0.02"/></body>'),),
         "limbs of equal length",
     ),
-    "body beside the robot": (
+    "body next to the robot": (
         ((WORLD, f'<body name="door"><joint/><geom type="sphere" size="0.1"/></body>{WORLD}'),),
         "body `door` does not hang on a free body",
     ),
@@ -276,7 +276,7 @@ def test_an_exclusion_of_contacts_that_cannot_be_leaves_the_robot_known(bodies: 
     assert (envs.backend, envs.backend_note) == ("lanes", "")
 
 
-def test_an_exclusion_that_keeps_a_limb_from_the_floor_is_no_trifle(tmp_path: Path) -> None:
+def test_an_exclusion_between_a_limb_and_the_floor_is_not_ignored(tmp_path: Path) -> None:
     exclude = '<contact><exclude body1="world" body2="north_lower"/></contact>'
     assert "touch each other by contype and conaffinity" in refusal(
         toy(tmp_path, (*BALL, (END, exclude + END)))
@@ -298,7 +298,7 @@ class StiffJoint(DamageType):
         spec.joint(limb.joints[0]).frictionloss = severity
 
 
-def test_a_damage_class_with_something_unknown_is_named(
+def test_a_damage_class_with_something_unknown_is_in_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     toy(tmp_path, BALL)

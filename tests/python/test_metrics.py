@@ -47,10 +47,10 @@ def test_tensorboard_reads_every_number_at_its_env_step_and_time(run: Path) -> N
     groups = {name: "time" if name.endswith("_seconds") else "metrics" for name in names}
     assert set(events.Tags()["scalars"]) == {f"{group}/{name}" for name, group in groups.items()}
     for name, group in groups.items():
-        told = [line for line in expected if line[name] is not None]
+        present = [line for line in expected if line[name] is not None]
         got = events.Scalars(f"{group}/{name}")
-        assert [event.step for event in got] == [line["env_steps"] for line in told], name
-        for event, line in zip(got, told, strict=True):
+        assert [event.step for event in got] == [line["env_steps"] for line in present], name
+        for event, line in zip(got, present, strict=True):
             assert math.isclose(event.wall_time, line["unix_seconds"], rel_tol=ROUNDING), name
             assert math.isclose(event.value, line[name], rel_tol=1e-6), name
 

@@ -125,7 +125,7 @@ def test_every_class_moves_observes_and_rewards_like_plain_mujoco_bit_for_bit(ta
                 robots[index].start(*(part[index] for part in envs.get_state()))
 
 
-def test_damage_in_mid_episode_switches_the_model_exactly_at_its_step(table: ClassTable) -> None:
+def test_damage_in_mid_episode_switches_the_model_exactly_at_its_onset(table: ClassTable) -> None:
     count = len(table.models)
     onset = 7
     envs, robots = mixed_envs(table, onset=onset)
@@ -137,7 +137,7 @@ def test_damage_in_mid_episode_switches_the_model_exactly_at_its_step(table: Cla
         actions = rng.uniform(-1.0, 1.0, envs.action_space.shape).astype(np.float32)
         obs, _, terminated, _, infos = envs.step(actions)
         qpos, qvel = envs.get_state()
-        # Steps 1 to `onset` are healthy; the infos and the code tell the class that acted in the step.
+        # Steps 1 to `onset` are healthy; infos and code have the active damage of the step.
         in_force = np.arange(count) if step > onset else np.zeros(count, dtype=np.int64)
         np.testing.assert_array_equal(infos["damage_onset"][~ended], onset)
         np.testing.assert_array_equal(infos["damage_class"][~ended], in_force[~ended])
@@ -158,7 +158,7 @@ def test_damage_in_mid_episode_switches_the_model_exactly_at_its_step(table: Cla
     assert ended.mean() < 0.5
 
 
-def test_a_toe_that_is_gone_feels_no_touch(hexapod_table: ClassTable, backend: str) -> None:
+def test_a_missing_toe_has_no_touch_signal(hexapod_table: ClassTable, backend: str) -> None:
     specs = ["healthy", *(f"missing_toe@{limb}" for limb in range(6))]
     options: dict[str, Any] = {"autoreset": "disabled", "seed": 0, "observe_damage": False}
     envs = dappo_batch.make_vec(hexapod_table, 7, backend=backend, **options)

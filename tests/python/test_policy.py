@@ -25,7 +25,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_a_policy_says_what_it_wants_and_gives(runs: Path) -> None:
+def test_a_policy_has_its_sizes_and_class_names(runs: Path) -> None:
     policy = Policy.load(runs / "aware")
     assert (policy.obs_dim, policy.action_dim, policy.env_steps) == (111, 8, 128)
     assert policy.observes_damage
@@ -50,12 +50,12 @@ def test_one_observation_and_many_get_the_same_actions_whatever_way_the_damage_i
     np.testing.assert_array_equal(policy.act(obs)[0], together[0])
 
 
-def test_what_a_policy_is_told_changes_what_it_does_unless_it_observes_nothing(runs: Path) -> None:
+def test_the_damage_class_changes_the_actions_of_a_policy_that_observes_it(runs: Path) -> None:
     obs = np.zeros(111, np.float32)
     aware, unaware = Policy.load(runs / "aware"), Policy.load(runs / "unaware")
     assert (aware.act(obs) != aware.act(obs, damage_class="missing_toe@0")).any()
     assert unaware.act(obs).shape == (8,)
-    with pytest.raises(ConfigError, match="observes no damage"):
+    with pytest.raises(ConfigError, match="does not observe damage"):
         unaware.act(obs, damage_class="missing_toe@0")
 
 

@@ -28,7 +28,7 @@ def assert_ends(pid: int) -> None:
 
 
 def test_a_command_that_is_cut_off_takes_its_children_with_it() -> None:
-    # The child holds the output open: whoever ends the shell alone waits for it.
+    # The child keeps the output open, so ending only the shell would block.
     with pytest.raises(subprocess.TimeoutExpired) as caught:
         processes.run(["bash", "-c", "sleep 600 & echo $!; wait"], timeout=1.0)
     assert_ends(int(caught.value.output))

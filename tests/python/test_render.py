@@ -113,7 +113,7 @@ def test_a_terminal_shows_how_many_frames_are_drawn(parts: Path, tmp_path: Path)
     process = processes.start([*processes.DAPPO_BATCH, *command], stderr=terminal)
     os.close(terminal)
     shown = b""
-    # The end of a terminal that nobody writes to any more is an error on Linux.
+    # The end of a terminal without a writer is an error on Linux.
     with contextlib.suppress(OSError):
         while read := os.read(screen, 4096):
             shown += read
@@ -125,7 +125,7 @@ def test_a_terminal_shows_how_many_frames_are_drawn(parts: Path, tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
-def test_adapt_says_the_same_with_and_without_a_video(parts: Path, tmp_path: Path) -> None:
+def test_adapt_prints_the_same_with_and_without_a_video(parts: Path, tmp_path: Path) -> None:
     path = tmp_path / "walk.mp4"
     done = dappo_batch_many(adapt(parts, "--json"), adapt(parts, "--json", "--video", path))
     reports = [json.loads(out) for _, out, _ in done]
@@ -147,7 +147,7 @@ def test_where_nothing_can_be_drawn_the_numbers_are_printed_and_written_first(
     out, err = run(*adapt(parts, "--json", "--video", video, "--log", log), code=1)
     assert json.loads(out)["summary"]["classes"][0]["name"] == "missing_toe@1"
     assert log.read_text().startswith("step,")
-    assert "error: pictures need OpenGL, and none works here (disable:" in err
+    assert "error: pictures need OpenGL, and no implementation works (disable:" in err
     assert [file.name for file in tmp_path.iterdir()] == ["trace.csv"]
 
 
@@ -168,7 +168,7 @@ def test_a_signal_ends_the_drawing_at_once_and_leaves_no_half_of_a_file(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_used_is_refused_before_the_walk(parts: Path, tmp_path: Path) -> None:
+def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Path) -> None:
     render_it = ("render", parts / "ant", "--out", tmp_path / "walk.mp4")
     expected = {
         adapt(parts, "--video", tmp_path / "walk.avi"): (1, "expected one of .mp4, .gif, .png"),
@@ -189,7 +189,7 @@ def test_what_cannot_be_used_is_refused_before_the_walk(parts: Path, tmp_path: P
     assert not list(tmp_path.iterdir())
 
 
-def test_a_window_without_a_screen_is_refused_before_the_walk(
+def test_a_window_without_a_screen_is_refused_before_the_episode(
     parts: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -119,7 +119,7 @@ def test_a_page_is_served_until_ctrl_c(tmp_path: Path) -> None:
     assert process.returncode == 130
 
 
-def test_what_keeps_a_page_from_being_served_is_said_before_the_walk(
+def test_a_page_that_cannot_be_served_is_an_error_before_the_episode(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with pytest.raises(RenderError, match=r"no page can be served at 192\.0\.2\.1:8080"):

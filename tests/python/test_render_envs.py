@@ -21,7 +21,7 @@ PICTURE = (480, 480, 3)
 
 @pytest.fixture
 def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the process be one without a display, in which nobody has chosen an OpenGL."""
+    """Unset the display and the choice of an OpenGL implementation."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"):
         monkeypatch.delenv(name, raising=False)
 
@@ -112,7 +112,7 @@ def test_without_a_render_mode_there_is_no_picture_and_no_process(
         dappo_batch.make_vec(ant_table, 2, render_mode="human")
 
 
-def test_where_no_opengl_works_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_working_opengl_the_error_contains_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opengl, "choices", lambda: ["egl", "osmesa"])
     monkeypatch.setattr(opengl, "PAINTER", ("-c", "import sys; sys.exit('no library at all')"))
     env = gymnasium.make("dappo_batch/Ant-v0", render_mode="rgb_array", max_damaged_limbs=1)
@@ -123,12 +123,12 @@ def test_where_no_opengl_works_the_error_says_what_to_install(monkeypatch: pytes
     for name in ("egl", "osmesa"):
         assert f"{name}: no library at all" in message
         assert opengl.INSTALL[name] in message
-    # The env itself goes on.
+    # The env can still be stepped.
     env.step(env.action_space.sample())
     env.close()
 
 
-def test_an_opengl_that_gives_up_in_between_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_opengl_that_fails_in_between_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     picture = f"sys.stdout.buffer.write(bytes({np.prod(PICTURE)})); sys.stdout.flush()"
     program = (
         f"import pickle, sys; [pickle.load(sys.stdin.buffer) for _ in 'ab']; {picture}; sys.exit('crash')"
@@ -138,6 +138,6 @@ def test_an_opengl_that_gives_up_in_between_is_an_error(monkeypatch: pytest.Monk
     env = DamageEnv("ant", max_damaged_limbs=1, render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render() is not None
-    with pytest.raises(RenderError, match="egl gave up in between: crash"):
+    with pytest.raises(RenderError, match="egl failed while drawing: crash"):
         env.render()
     env.close()

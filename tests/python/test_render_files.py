@@ -19,7 +19,7 @@ from dappo_batch import ConfigError, DappoError, MissingExtraError, render
 from dappo_batch.render import RenderError, Walk, encoders, film, opengl
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
-from dappo_batch.render.scene import RED, become, painted
+from dappo_batch.render.scene import RED, copy_class, painted
 from dappo_batch.render.scenery import with_scenery
 
 Picture = NDArray[np.uint8]
@@ -102,7 +102,7 @@ def test_a_gif_has_the_pictures_in_their_order_at_their_times_and_repeats(tmp_pa
 
 
 @pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (4, 1, 4), (5, 2, 3), (12, 3, 4)])
-def test_a_png_has_all_pictures_to_the_bit_in_rows(
+def test_a_png_has_bit_identical_pictures_in_rows(
     count: int, rows: int, columns: int, tmp_path: Path
 ) -> None:
     path = tmp_path / "picture.png"
@@ -160,14 +160,14 @@ def test_a_film_that_fails_halfway_leaves_the_older_one_as_it_was(
 ) -> None:
     def breaking(_: object) -> Iterator[Picture]:
         yield from itertools.islice(canned(_), 2)
-        raise RenderError("gave up")
+        raise RenderError("failed")
 
     path = tmp_path / "film.mp4"
     monkeypatch.setattr(film, "draw", canned)
     assert render.write(path, walk) == 5
     before = path.read_bytes()
     monkeypatch.setattr(film, "draw", breaking)
-    with pytest.raises(RenderError, match="gave up"):
+    with pytest.raises(RenderError, match="failed"):
         render.write(path, walk)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
@@ -228,13 +228,13 @@ def test_where_no_opengl_works_each_one_that_was_tried_is_named_with_its_reason_
     assert "dappo-batch doctor" in message
 
 
-def test_an_opengl_that_gives_up_in_between_is_an_error_and_no_shorter_film(
+def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
     walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"
     monkeypatch.setattr(opengl, "choices", lambda: ["egl"])
     monkeypatch.setattr(opengl, "PAINTER", ("-c", f"import sys; {picture}; sys.exit('crash')"))
-    with pytest.raises(RenderError, match="egl gave up after 1 pictures: crash"):
+    with pytest.raises(RenderError, match="egl failed after 1 pictures: crash"):
         list(render.frames(walk, [0, 1]))
 
 
@@ -253,7 +253,7 @@ def test_a_window_without_a_screen_is_refused_with_what_works_instead(
 def test_a_window_shows_the_body_of_the_damaged_robot_as_well_as_its_colours(walk: Walk) -> None:
     scenery, parse = with_scenery(walk.table), walk.table.space.parse
     healthy, damaged = (painted(walk.table, parse(name), scenery) for name in (0, walk.damage))
-    become(healthy, damaged)
+    copy_class(healthy, damaged)
     toe = healthy.geom(walk.table.robot.limbs[0].toe_geom)
     np.testing.assert_array_equal(
         toe.size, walk.table.models[walk.table.space.parse("missing_toe@0")].geom(toe.id).size

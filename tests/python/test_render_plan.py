@@ -58,7 +58,7 @@ def test_the_caption_follows_the_events_of_the_controller() -> None:
         *(["diagnosed as missing toe (left hind), confidence 97 %, policy adapted"] * 2),
         "damage suspected, examining",
         "no diagnosis: jammed joint (left hind), confidence 31 %",
-        "no diagnosis: jammed joint (left hind), confidence 31 %, readings lost",
+        "no diagnosis: jammed joint (left hind), confidence 31 %, observations lost",
         "no diagnosis: jammed joint (left hind), confidence 31 %",
         "diagnosis withdrawn: missing toe (left hind), policy reset to healthy",
         "damage suspected, examining",
@@ -86,8 +86,8 @@ def test_damage_is_shown_in_words_with_the_names_of_the_limbs(name: str, expecte
         ({"event": "suspected"}, "an event has no step or no kind"),
         ({"step": "1", "event": "suspected"}, "an event: step is '1', expected a value of type int"),
         ({"step": 1, "event": "adapted", "class": True}, "an event: class is True"),
-        ({"step": 1, "event": "adapted", "class": 3}, "names damage class 3, expected one from 0 to 2"),
-        ({"step": 1, "event": "adapted", "class": -1}, "names damage class -1"),
+        ({"step": 1, "event": "adapted", "class": 3}, "has damage class 3, expected one from 0 to 2"),
+        ({"step": 1, "event": "adapted", "class": -1}, "has damage class -1"),
         (5, "an event must be a mapping"),
     ],
 )
@@ -97,7 +97,7 @@ def test_an_event_that_is_none_is_refused(table: ClassTable, odd: Any, message: 
     assert Walk(table, states(table, 3), events=[event(1, "adapted", **{"class": 2})], known_names=NAMES)
 
 
-def test_the_caption_names_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(
+def test_the_caption_shows_the_damage_from_its_onset_on_and_the_speed_of_the_last_second(
     table: ClassTable,
 ) -> None:
     dt = table.models[0].opt.timestep * table.robot.spec["frame_skip"]

@@ -189,7 +189,7 @@ def test_rewards_are_also_given_as_speeds_and_distances(folder: Path) -> None:
     assert page.flags == []
 
 
-def test_the_legend_says_what_each_short_name_is(folder: Path) -> None:
+def test_the_legend_explains_each_short_name(folder: Path) -> None:
     rows = Page(folder / "report.html").table("run", "folder")
     assert [row["run"] for row in rows] == ["aware0", "aware1", "unaware0", "unaware1"]
     for row in rows:
@@ -279,7 +279,7 @@ def test_groups_are_explained(tmp_path: Path) -> None:
     )
     page = page_of(tmp_path / "page.html", [tmp_path / "run"], "ant: evaluation")
     explained = {row["group"]: row["damage"] for row in page.table("group", "damage")}
-    assert explained == rows | {"all": "all classes, of the same weight"}
+    assert explained == rows | {"all": "all classes, equally weighted"}
 
 
 def test_settings_that_are_too_long_for_a_name_stand_in_a_table(tmp_path: Path) -> None:
@@ -349,17 +349,29 @@ def test_film_strips_show_moments_of_an_episode(trained: Path, tmp_path: Path) -
     assert states[-1, 0] - states[0, 0] == pytest.approx(0.05 * velocities.sum(), abs=1e-6)
 
 
-def test_where_nothing_can_be_drawn_a_note_says_why(trained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_drawn_a_note_has_the_reason(
+    trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("dappo_batch.render.opengl.PAINTER", ("-c", "raise SystemExit('no driver')"))
     (note,) = strips.strips(learners([load_run(trained)]))
     assert isinstance(note, Note)
-    assert note.text.startswith("There is no film strip of DA-PPO: pictures need OpenGL, and none works here")
+    reason = "pictures need OpenGL, and no implementation works"
+    assert note.text.startswith(f"There is no film strip of DA-PPO: {reason}")
     with style():
         titles = [section.title for section in sections(read([trained]), with_strips=False)]
     assert "ant: film strips" not in titles
 
 
-def test_a_path_that_is_nothing_known_is_named_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
+def test_film_strips_can_be_left_out_on_the_command_line(trained: Path, tmp_path: Path) -> None:
+    pages = [tmp_path / "with.html", tmp_path / "without.html"]
+    done = dappo_batch_many(
+        ("report", trained, "--out", pages[0]), ("report", trained, "--out", pages[1], "--no-film-strips")
+    )
+    assert [code for code, _, _ in done] == [0, 0]
+    assert ["ant: film strips" in page.read_text() for page in pages] == [True, False]
+
+
+def test_an_unknown_kind_of_path_is_in_the_error_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
     foreign, young = tmp_path / "foreign.csv", tmp_path / "young"
     foreign.write_text("a,b\n1,2\n")
     write_run(young, forward_rewards=[])
@@ -417,7 +429,7 @@ def test_a_failure_in_writing_keeps_the_old_page(folder: Path, tmp_path: Path) -
     assert files(tmp_path) == {"report.html": b"old"}
 
 
-def test_without_matplotlib_the_message_says_what_to_install(
+def test_without_matplotlib_the_message_contains_what_to_install(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

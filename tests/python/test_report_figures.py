@@ -170,7 +170,7 @@ def test_short_names_of_long_folders_differ() -> None:
 def test_no_text_of_a_figure_covers_another(tmp_path: Path, count: int) -> None:
     """With long names, and as many learners as runs."""
     classes = dappo_batch.compile_class_table("ant").space.classes
-    word = "a-long-name-of-a-folder-that-somebody-chose"
+    word = "a-long-name-of-a-folder-of-a-run-in-a-sweep"
     for number in range(count):
         run = write_run(
             tmp_path / f"{word}-{number:02d}-{word}",

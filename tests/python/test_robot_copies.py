@@ -43,7 +43,7 @@ LAYOUTS: dict[str, dict[str, str]] = {
         "a/hat.obj": tetrahedron(),
         "c/hat.obj": tetrahedron(0.2),
     },
-    "beside the file that includes": {
+    "next to the file that includes": {
         "robot.xml": f'<mujoco><compiler meshdir="a"/><include file="sub/more.xml"/>{HAT}</mujoco>',
         "sub/more.xml": '<mujoco><asset><mesh file="hat.obj"/></asset><include file="deep.xml"/></mujoco>',
         "sub/deep.xml": '<mujoco><default><geom density="300"/></default></mujoco>',
@@ -97,7 +97,7 @@ def arrays(model: mujoco.MjModel) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_mujoco_makes_the_same_of_the_copy_when_the_original_is_gone(layout: str, tmp_path: Path) -> None:
+def test_the_copy_compiles_to_the_same_model_when_the_original_is_gone(layout: str, tmp_path: Path) -> None:
     original = write(tmp_path / "original", LAYOUTS[layout])
     expected = arrays(mujoco.MjModel.from_xml_path(str(original)))
     flattened = flatten(original)
@@ -215,7 +215,7 @@ CHANGES: dict[str, tuple[str, str, str, str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_what_has_changed_is_said_with_its_file(change: str, tmp_path: Path) -> None:
+def test_changes_are_reported_with_their_file(change: str, tmp_path: Path) -> None:
     file, old, new, expected = CHANGES[change]
     robot = write_mesh_robot(tmp_path / "robot")
     before = RobotCopy.of(robot, {})
@@ -226,7 +226,7 @@ def test_what_has_changed_is_said_with_its_file(change: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["flag.mjcf", "flag.xml", "flag"])
-def test_a_change_of_an_attached_model_is_said_with_its_file(name: str, tmp_path: Path) -> None:
+def test_a_change_of_an_attached_model_is_reported_with_its_file(name: str, tmp_path: Path) -> None:
     robot = write_mesh_robot(tmp_path / "robot")
     mjcf = tmp_path / "robot" / "tripod.xml"
     flag = tmp_path / "robot" / "parts" / name
@@ -328,9 +328,7 @@ def test_a_copy_that_is_not_what_was_written_is_refused_by_name(tmp_path: Path) 
         ),
     ],
 )
-def test_a_copy_of_somebody_else_reads_no_files_but_its_own(
-    name: str, old: str, new: str, tmp_path: Path
-) -> None:
+def test_an_untrusted_copy_reads_only_its_own_files(name: str, old: str, new: str, tmp_path: Path) -> None:
     copy = RobotCopy.of(write_mesh_robot(tmp_path / "robot"), {})
     content = copy.files[name].decode()
     assert old in content
@@ -338,7 +336,7 @@ def test_a_copy_of_somebody_else_reads_no_files_but_its_own(
     (tmp_path / "copy").mkdir()
     for written, bytes_of in foreign.to_write().items():
         (tmp_path / "copy" / written).write_bytes(bytes_of)
-    with pytest.raises(CheckpointError, match=r"which is no file of the copy|it is broken or foreign"):
+    with pytest.raises(CheckpointError, match=r"which is not a file of the copy|it is broken or foreign"):
         RobotCopy.read(tmp_path / "copy")
 
 

@@ -199,9 +199,9 @@ def test_an_unknown_robot_is_refused_with_a_list_of_the_known_ones() -> None:
         load_robot("spider")
 
 
-def test_a_missing_robot_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nobody\.toml"):
-        load_robot(tmp_path / "nobody.toml")
+def test_a_missing_robot_file_is_in_the_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"missing\.toml"):
+        load_robot(tmp_path / "missing.toml")
 
 
 @pytest.mark.parametrize(

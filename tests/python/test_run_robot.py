@@ -89,7 +89,7 @@ def refusal(call: Callable[[], Any]) -> str:
         (MESH, "hat.obj: SHA-256"),
     ],
 )
-def test_a_robot_file_that_has_changed_is_an_error_that_says_what_differs(
+def test_a_changed_robot_file_is_an_error_with_the_differences(
     change: Edit, expected: str, place: Path
 ) -> None:
     edit(place / "robot" / "tripod.toml", change)
@@ -150,7 +150,7 @@ def test_with_use_run_everything_is_as_it_was_and_with_use_file_as_the_file_is(p
     )
 
 
-def test_a_run_that_cannot_go_on_with_the_changed_file_keeps_its_own_robot(place: Path) -> None:
+def test_a_run_that_cannot_use_the_changed_file_keeps_its_own_robot(place: Path) -> None:
     run = train(place / "run", place / "robot" / "tripod.toml", backend="mujoco")
     kept = (run / "robot" / "robot.xml").read_text()
     # Observations and actions stay as they are, the states of the checkpoint do not fit any more.
@@ -164,7 +164,7 @@ def test_a_run_that_cannot_go_on_with_the_changed_file_keeps_its_own_robot(place
     dappo_batch.resume(run, total_steps=2 * STEPS, threads=1, robot_changed="use-run")
 
 
-def test_a_run_that_goes_on_with_the_changed_file_keeps_that(place: Path) -> None:
+def test_a_run_resumed_with_the_changed_file_keeps_a_copy_of_it(place: Path) -> None:
     aware = place / "aware"
     edit(place / "robot" / "tripod.toml", GEAR)
     kept = (aware / "robot" / "robot.xml").read_text()
@@ -189,11 +189,11 @@ def test_a_run_whose_robot_file_is_gone_uses_its_own_copy(place: Path, tmp_path:
 
 def test_a_robot_file_that_cannot_be_read_any_more_is_no_obstacle_to_use_run(place: Path) -> None:
     (place / "robot" / "tripod.toml").write_text("name = ")
-    assert "cannot be read any more" in refusal(lambda: dappo_batch.evaluate(place / "aware"))
+    assert "can no longer be read" in refusal(lambda: dappo_batch.evaluate(place / "aware"))
     dappo_batch.evaluate(place / "aware", threads=1, robot_changed="use-run")
 
 
-def test_a_run_of_an_earlier_version_is_used_with_a_note_and_gets_its_copy_when_it_goes_on(
+def test_a_run_of_an_earlier_version_is_used_with_a_note_and_gets_its_copy_when_resumed(
     place: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     aware = place / "aware"
@@ -212,7 +212,7 @@ def test_a_configuration_that_gives_the_code_another_meaning_is_refused(place: P
     config = place / "aware" / "config.toml"
     config.write_text(config.read_text().replace("severity = 1.0", "severity = 0.5"))
     message = refusal(lambda: dappo_batch.evaluate(place / "aware"))
-    assert "config.toml gives the damage code another meaning" in message
+    assert "config.toml changes the meaning of the damage code" in message
     assert "damage.severity: 1.0 → 0.5" in message
 
 
@@ -223,7 +223,7 @@ def test_parts_that_were_made_with_another_version_of_the_robot_are_refused(
     for run in ("newer", "newer_unaware"):
         train(place / run, place / "robot" / "tripod.toml", unaware=run.endswith("unaware"))
     newer, old = place / "newer", place / "diagnoser"
-    # The old runs do not notice that the file has changed, so that the difference is between folders.
+    # The old runs have no copy to compare with the file, so the difference is between folders.
     for run in ("aware", "unaware", "expert"):
         config = place / run / "config.toml"
         config.write_text(config.read_text().replace(str(place / "robot"), str(place / "gone")))
@@ -237,7 +237,7 @@ def test_parts_that_were_made_with_another_version_of_the_robot_are_refused(
     }
     for name, call in calls.items():
         message = refusal(call)
-        assert f"{place / name} was made with another version of the robot than {newer}" in message
+        assert f"{place / name} was created with another version of the robot than {newer}" in message
         assert 'kp="9"' in message
     assert run_cli(["export", str(newer), "--diagnoser", str(old), "--out", str(tmp_path / "export")]) == 1
     # Without the difference everything goes together.

@@ -53,7 +53,7 @@ def test_columns_that_newer_versions_write_are_empty_in_older_lines(tmp_path: Pa
     assert metrics["backend"].tolist() == ["", "lanes"]
 
 
-def test_a_run_that_goes_on_can_be_read(tmp_path: Path) -> None:
+def test_a_run_that_is_still_training_can_be_read(tmp_path: Path) -> None:
     path = write_run(tmp_path / "run", forward_rewards=[1.0, 2.0])
     with (path / "metrics.jsonl").open("a") as file:
         file.write('{"iteration": 3, "env_st')
@@ -68,12 +68,12 @@ def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> Non
     path = write_run(tmp_path / "run", forward_rewards=[1.0])
     (path / "eval").mkdir(exist_ok=True)
     (path / "eval" / "per_class.csv").write_text("class,name,group,forward_reward\n")
-    with pytest.raises(CheckpointError, match=r"per_class\.csv has no rows; dappo-batch evaluate writes it"):
+    with pytest.raises(CheckpointError, match=r"per_class\.csv has no rows; run dappo-batch evaluate"):
         load_run(path)
 
 
-def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no folder; expected a run folder"):
+def test_a_folder_that_is_not_a_run_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is not a folder; expected a run folder"):
         load_run(tmp_path / "nowhere")
     with pytest.raises(ConfigError, match=r"is no run folder: it has no config\.toml"):
         load_run(tmp_path)
@@ -102,7 +102,7 @@ def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_damaged_file_is_named(tmp_path: Path, file: str, content: str, message: str) -> None:
+def test_a_damaged_file_is_in_the_error(tmp_path: Path, file: str, content: str, message: str) -> None:
     path = write_run(tmp_path / "run")
     (path / file).write_text(content)
     with pytest.raises(CheckpointError, match=message):

@@ -1,4 +1,4 @@
-"""States: what is saved goes on to the bit, also where it is more than positions and velocities."""
+"""Saved states: steps from a restored state are bit-identical, also with hidden state."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def steps(envs: DamageVectorEnv, actions: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_a_saved_state_goes_on_to_the_bit_where_it_is_more_than_positions_and_velocities(
+def test_steps_from_a_restored_state_are_bit_identical_also_with_hidden_state(
     name: str, tmp_path: Path
 ) -> None:
     old, new, _ = HIDDEN[name]
@@ -77,9 +77,7 @@ def test_a_saved_state_goes_on_to_the_bit_where_it_is_more_than_positions_and_ve
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_positions_and_velocities_alone_are_refused_as_a_state_of_such_a_robot(
-    name: str, tmp_path: Path
-) -> None:
+def test_positions_and_velocities_are_not_a_complete_state_of_such_a_robot(name: str, tmp_path: Path) -> None:
     old, new, hidden = HIDDEN[name]
     envs, rng = walked(toy(tmp_path, old, new))
     action = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)
@@ -106,14 +104,14 @@ def test_a_saved_state_holds_the_episodes_as_well(options: dict[str, str]) -> No
         np.testing.assert_array_equal(one, other)
     for one, other in zip(first, steps(envs, actions), strict=True):
         np.testing.assert_array_equal(one, other)
-    # Another env of the same kind goes on from it too.
+    # Another env of the same kind can restore it too.
     other_envs = dappo_batch.make_vec(table, 4, seed=7, threads=1, **options)  # type: ignore[arg-type]
     np.testing.assert_array_equal(other_envs.restore_state(saved), restored)
     for one, other in zip(first, steps(other_envs, actions), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_single_env_goes_back_as_well() -> None:
+def test_a_single_env_can_be_restored_too() -> None:
     env = dappo_batch.DamageEnv("ant", damage="healthy", backend="mujoco")
     obs, _ = env.reset(seed=0)
     saved, action = env.save_state(), np.full(8, 0.5, dtype=np.float32)
@@ -124,7 +122,7 @@ def test_a_single_env_goes_back_as_well() -> None:
     assert first[1] == second[1]
 
 
-def test_an_episode_that_has_ended_is_ended_when_it_comes_back(tmp_path: Path) -> None:
+def test_a_restored_episode_that_had_ended_is_still_ended(tmp_path: Path) -> None:
     envs = dappo_batch.make_vec(toy(tmp_path), 2, seed=0, autoreset="disabled", max_episode_steps=1)
     envs.reset()
     running = envs.save_state()
@@ -159,7 +157,7 @@ def test_a_state_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["filtered servos", "velocities that are not observed"])
-def test_twins_in_mid_gait_are_for_robots_whose_observation_tells_their_state(
+def test_twins_in_mid_episode_need_observations_that_determine_the_state(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     robot, run = tmp_path / "tripod.toml", tmp_path / "run"

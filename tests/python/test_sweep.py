@@ -48,9 +48,9 @@ class Inline(Executor):
 
 
 def test_every_combination_is_trained_as_if_alone_and_never_again(tmp_path: Path) -> None:
-    told: list[Path] = []
+    ended: list[Path] = []
     cells = sweep(
-        BASE, GRID, tmp_path / "sweep", executor=Inline(), callback=lambda cell: told.append(cell.path)
+        BASE, GRID, tmp_path / "sweep", executor=Inline(), callback=lambda cell: ended.append(cell.path)
     )
     assert [cell.values for cell in cells] == [
         {"seed": seed, "unaware": unaware} for seed in (0, 1) for unaware in (False, True)
@@ -58,7 +58,7 @@ def test_every_combination_is_trained_as_if_alone_and_never_again(tmp_path: Path
     assert [cell.path.name for cell in cells] == [
         *("seed=0,unaware=false", "seed=0,unaware=true", "seed=1,unaware=false", "seed=1,unaware=true"),
     ]
-    assert sorted(told) == sorted(cell.path for cell in cells)
+    assert sorted(ended) == sorted(cell.path for cell in cells)
     assert [(cell.run().seed, cell.run().observes_damage) for cell in cells] == [
         *((0, True), (0, False), (1, True), (1, False)),
     ]
@@ -85,7 +85,7 @@ def test_every_combination_is_trained_as_if_alone_and_never_again(tmp_path: Path
     }
 
 
-def test_a_cell_that_fails_says_why_and_does_not_stop_the_others(tmp_path: Path) -> None:
+def test_a_failed_cell_has_its_error_and_does_not_stop_the_others(tmp_path: Path) -> None:
     cells = sweep(BASE, {"ppo.gamma": [2.0, 0.9]}, tmp_path / "sweep", executor=Inline())
     assert "ConfigError" in (cells[0].error or "")
     assert "gamma" in (cells[0].error or "")
@@ -94,7 +94,7 @@ def test_a_cell_that_fails_says_why_and_does_not_stop_the_others(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: Path) -> None:
+def test_a_sweep_whose_process_is_killed_resumes_with_the_missing_cells(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
     base = ("steps=6400", "envs=4", "threads=1", "horizon=16", "ppo.hidden=[8]", "evaluation.episodes=1")
     command = (
@@ -111,7 +111,7 @@ def test_a_sweep_whose_process_is_killed_goes_on_with_what_is_missing(tmp_path: 
     processes.end(process)  # and its workers
     ((code, printed, _),) = dappo_batch_many(command)
     assert code == 0
-    assert printed.startswith("3 of 3 trainings are done")
+    assert printed.startswith("3 of 3 trainings completed")
     straight = dappo_batch.load_run(out / "seed=1")
     assert straight.metrics["iteration"].tolist() == list(range(1, 101))
     assert "true" in straight.per_class

@@ -157,7 +157,7 @@ Done = dict[int, tuple[Path, dict[str, Any], Threads]]
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_no_more_threads_work_than_asked_for(done: Done, count: int) -> None:
+def test_no_more_threads_work_than_requested(done: Done, count: int) -> None:
     threads = done[count][2]
     workers, others = threads.most()
     assert workers == count
@@ -238,7 +238,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:This process .* is multi-threade
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("backend", ["lanes", "mujoco"])
-def test_an_env_goes_on_in_a_forked_process_as_in_its_own(
+def test_an_env_continues_in_a_forked_process_as_in_its_own(
     table: ClassTable, backend: str, threads: int
 ) -> None:
     envs = dappo_batch.make_vec(table, 5, damage="uniform", seed=0, threads=threads, backend=backend)
@@ -303,7 +303,7 @@ def test_objects_that_live_in_native_memory_refuse_to_be_pickled_or_copied(
     root = done[1][0]
     objects = {
         "get_state and set_state": dappo_batch.make_vec(table, 2),
-        "functions that make envs": gymnasium.make("dappo_batch/Ant-v0", robot=table),
+        "functions that create envs": gymnasium.make("dappo_batch/Ant-v0", robot=table),
         "same folders": Controller(root / "run", diagnoser=root / "diagnoser"),
         "its run folder": Policy.load(root / "run"),
         "its folders": Diagnoser.load(root / "diagnoser", expert=root / "run"),

@@ -54,7 +54,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, backend: str) -> tuple[Pa
     return run, *dappo_batch("train", *arguments)
 
 
-def test_a_run_folder_holds_everything_that_is_promised(finished: tuple[Path, str, str]) -> None:
+def test_a_run_folder_contains_everything_that_is_documented(finished: tuple[Path, str, str]) -> None:
     run, _, _ = finished
     assert {path.name for path in run.iterdir()} == {
         *("config.toml", "meta.json", "robot", "checkpoints", "eval", "lock"),
@@ -105,7 +105,27 @@ def test_results_depend_neither_on_threads_nor_on_the_output(
     assert (run / "eval/per_class.csv").read_bytes() == (finished[0] / "eval/per_class.csv").read_bytes()
 
 
-def test_half_a_run_and_its_extension_equal_a_whole_run(
+def test_evaluations_during_a_training_do_not_change_it_and_the_last_one_is_that_at_its_end(
+    finished: tuple[Path, str, str], tmp_path: Path, backend: str
+) -> None:
+    run = tmp_path / "run"
+    settings = ("--backend", backend, "--steps", str(STEPS), *TINY, "evaluation.every=4")
+    dappo_batch("train", "--run", run, *settings)
+    evaluated = ("evaluation_forward_reward", "evaluation_forward_velocity", "evaluation_fall_rate")
+    lines = metrics(run)
+    found = [[line.pop(key) for key in evaluated] for line in lines]
+    before = metrics(finished[0])
+    for line in before:
+        assert [line.pop(key) for key in evaluated] == [None] * 3
+    assert lines == before
+    assert [row[0] is not None for row in found] == [False, False, False, True] * 2
+    end = json.loads((run / "eval" / "evaluation.json").read_text())["groups"][-1]
+    expected = [end["forward_reward"], end["forward_velocity"], end["falls"] / end["episodes"]]
+    assert found[-1] == expected
+    assert found[3] != expected
+
+
+def test_half_a_run_and_its_extension_equal_a_complete_run(
     finished: tuple[Path, str, str], tmp_path: Path, backend: str
 ) -> None:
     run = tmp_path / "run"
@@ -117,7 +137,7 @@ def test_half_a_run_and_its_extension_equal_a_whole_run(
     assert (run / "config.toml").read_bytes() == (finished[0] / "config.toml").read_bytes()
 
 
-def test_a_run_that_was_stopped_before_its_first_checkpoint_begins_anew(
+def test_a_run_that_was_stopped_before_its_first_checkpoint_starts_again(
     finished: tuple[Path, str, str], tmp_path: Path
 ) -> None:
     run = tmp_path / "run"
@@ -202,7 +222,7 @@ def test_a_signal_saves_and_exits_with_130(
         assert_same_result(run, long_run)
 
 
-def test_a_run_that_ignores_the_end_of_its_terminal_goes_on(
+def test_a_run_that_ignores_the_end_of_its_terminal_continues(
     tmp_path: Path, react_to: Callable[[int, signal.Handlers], object]
 ) -> None:
     react_to(signal.SIGHUP, signal.SIG_IGN)
@@ -233,7 +253,7 @@ def test_ctrl_c_during_the_imports_leaves_no_traceback(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-def test_ctrl_c_is_pythons_again_after_the_imports(tmp_path: Path) -> None:
+def test_pythons_handler_of_ctrl_c_is_restored_after_the_imports(tmp_path: Path) -> None:
     # As the processes of a sweep, which have the name of the command but do not begin in its function.
     script = tmp_path / "dappo-batch"
     script.write_text(
@@ -296,7 +316,7 @@ def test_class_draws_follow_the_stages_and_the_stage_survives_a_resume(tmp_path:
     assert_same_result(resumed, run)
 
 
-def test_an_unaware_policy_never_sees_the_damage_code(
+def test_an_unaware_policy_never_observes_the_damage_code(
     finished: tuple[Path, str, str], tmp_path: Path
 ) -> None:
     run = tmp_path / "run"

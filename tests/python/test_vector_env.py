@@ -74,7 +74,7 @@ def test_an_integer_seed_gives_env_i_the_seed_plus_i(ant_table: ClassTable) -> N
     assert len(np.unique(whole[:, 0])) == 4
 
 
-def test_a_reset_without_seed_goes_on_with_the_streams(ant_table: ClassTable) -> None:
+def test_a_reset_without_seed_continues_the_random_streams(ant_table: ClassTable) -> None:
     envs = make(ant_table, 3)
     first, second = envs.reset(seed=5)[0], envs.reset()[0]
     assert not np.array_equal(first, second)
@@ -91,7 +91,7 @@ def test_envs_made_without_a_seed_all_differ(ant_table: ClassTable) -> None:
     assert len(np.unique(starts[:, 0])) == 6
 
 
-def test_the_start_state_scatters_as_gymnasium_scatters_it(ant_table: ClassTable) -> None:
+def test_initial_states_have_the_distribution_of_gymnasiums(ant_table: ClassTable) -> None:
     envs = make(ant_table, 2000, damage="healthy")
     envs.reset()
     qpos, qvel = envs.get_state()
@@ -110,7 +110,7 @@ def test_the_start_state_scatters_as_gymnasium_scatters_it(ant_table: ClassTable
 def test_uniform_damage_draws_every_class_equally_often(ant_table: ClassTable) -> None:
     envs = make(ant_table, 3300)
     counts = np.zeros(33)
-    for _ in range(2):  # two episodes, as every reset draws anew
+    for _ in range(2):  # two episodes, as every reset draws
         classes = envs.reset()[1]["damage_class"]
         counts += np.bincount(classes, minlength=33)
     assert ((counts - 200.0) ** 2 / 200.0).sum() < CHI_SQUARE_32
@@ -177,7 +177,7 @@ def test_the_onset_range_is_inclusive_and_drawn_per_episode(ant_table: ClassTabl
     assert not np.array_equal(onsets, envs.reset()[1]["damage_onset"])
 
 
-def test_observations_end_with_the_damage_code_of_the_class_in_force(table: ClassTable) -> None:
+def test_observations_end_with_the_damage_code_of_the_active_damage(table: ClassTable) -> None:
     count = len(table.models)
     plain, coded = make(table, count, observe_damage=False), make(table, count)
     options = {"damage_class": np.arange(count)}
@@ -353,7 +353,7 @@ def test_unusable_reset_options_are_refused(
         envs.reset(options=options)
 
 
-def test_an_argument_that_there_is_none_of_is_named_with_those_that_there_are(ant_table: ClassTable) -> None:
+def test_an_unknown_argument_is_an_error_with_the_known_ones(ant_table: ClassTable) -> None:
     makers: list[Any] = [dappo_batch.make_vec, dappo_batch.DamageVectorEnv, dappo_batch.DamageEnv]
     for maker in makers:
         with pytest.raises(

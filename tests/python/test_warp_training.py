@@ -46,7 +46,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-def test_a_run_names_what_simulated_it_wherever_results_are(finished: Path) -> None:
+def test_all_results_of_a_run_contain_backend_and_device(finished: Path) -> None:
     named = {"backend": "warp", "precision": "f32", "device": "warp-cpu", "physics": "euler"}
     assert named.items() <= json.loads((finished / "meta.json").read_text()).items()
     lines = metrics(finished)
@@ -70,9 +70,7 @@ def test_episodes_are_summed_over_rollouts(finished: Path) -> None:
     assert all(line["forward_reward"] is not None for line in lines if line["episodes"])
 
 
-def test_a_run_that_goes_on_from_a_checkpoint_equals_one_that_was_never_stopped(
-    finished: Path, tmp_path: Path
-) -> None:
+def test_a_resumed_run_equals_an_uninterrupted_one(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     arguments = ["train", "--run", str(run), "--steps", str(STEPS), *TINY]
     assert run_cli([*arguments, "checkpoint.every=1", "checkpoint.keep=4"]) == 0
@@ -85,7 +83,9 @@ def test_a_run_that_goes_on_from_a_checkpoint_equals_one_that_was_never_stopped(
     assert checkpoint_contents(newest) == checkpoint_contents(other)
 
 
-def test_an_evaluation_on_the_device_names_it(finished: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_evaluation_on_the_device_contains_its_name(
+    finished: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     run = str(finished)
     assert run_cli(["evaluate", run, "--json", "--device", "warp-cpu", "--backend", "mujoco"]) == 0
     (found,) = json.loads(capfd.readouterr().out)["runs"]
@@ -119,7 +119,7 @@ def stand_up(**sizes: int) -> None:
         envs.close()
 
 
-def test_an_env_takes_the_size_that_its_error_names() -> None:
+def test_an_env_accepts_the_size_in_its_error() -> None:
     with pytest.raises(SimulationError, match=r"\(NEFC; njmax = 2\).*--njmax 4, or njmax=4 in Python"):
         stand_up(njmax=2)
     with pytest.raises(SimulationError, match=r"nconmax = 1\b.*--nconmax 2, or nconmax=2 in Python"):
@@ -188,7 +188,7 @@ def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_a_vector_env_that_nobody_closed_does_not_keep_a_program_from_ending() -> None:
+def test_a_vector_env_that_was_not_closed_does_not_keep_a_program_from_ending() -> None:
     program = (
         "import dappo_batch; envs = dappo_batch.make_vec('ant', 2, device='warp-cpu', physics='euler');"
         "envs.reset()"
@@ -198,7 +198,7 @@ def test_a_vector_env_that_nobody_closed_does_not_keep_a_program_from_ending() -
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_after_the_iteration_and_the_run_can_go_on(tmp_path: Path) -> None:
+def test_ctrl_c_stops_after_the_iteration_and_the_run_can_be_resumed(tmp_path: Path) -> None:
     run = tmp_path / "run"
     lines = run / "metrics.jsonl"
     err = interrupt_when(

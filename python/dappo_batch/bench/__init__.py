@@ -1,7 +1,7 @@
-"""``dappo-batch bench``: env steps per second and processor time beside other simulators.
+"""``dappo-batch bench``: env steps per second and processor time, compared with other simulators.
 
-Everything runs in one process, interleaved, with the same kind of states and actions, so the ratios
-hold on a busy or throttled machine too; the absolute numbers are those of the moment.
+All simulators run interleaved in one process, with the same distributions of states and actions. The ratios
+are therefore valid on a busy or throttled machine too; the absolute numbers depend on its current load.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from typing import Any
 
 from dappo_batch import machine
 from dappo_batch.bench import measure
-from dappo_batch.bench.contenders import CONTENDERS, Contender, Workload
-from dappo_batch.bench.measure import Missing, Sample, Spread, align, check, enter, measure_rounds
+from dappo_batch.bench.measure import Missing, Sample, Spread, align, check, measure_rounds, open_all
+from dappo_batch.bench.simulators import SIMULATORS, Simulator, Workload
 from dappo_batch.robots import load_robot
 
 __all__ = ["BASE", "Missing", "Report", "Result", "command", "run"]
 
 BASE = "mj_step"
-"""Name of the contender that all others are compared with."""
+"""Name of the simulator with which all others are compared."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One contender's numbers.
+    """The results of one simulator.
 
-    ``rate`` is in env steps per second of elapsed time, ``ratio`` the same over that of `BASE`, compared
-    round by round, ``cpu_us`` the processor time of an env step in µs.
+    ``rate`` is in env steps per second of elapsed time, ``ratio`` the rate divided by that of `BASE` in the
+    same round, ``cpu_us`` the processor time of an env step in µs.
     """
 
     key: str
@@ -41,7 +41,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything that one call found: the machine, the settings, results, and what is missing and why."""
+    """The machine, the settings, the results, and the simulators that were not measured."""
 
     machine: dict[str, Any]
     settings: dict[str, Any]
@@ -49,11 +49,11 @@ class Report:
     missing: tuple[Missing, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it."""
+        """Return the report as a dictionary that can be written as JSON."""
         return asdict(self) | {"base": BASE}
 
     def text(self) -> str:
-        """Return everything as a text for people."""
+        """Return the report as text."""
         one = self.settings
         head = ("", "env steps/s", "CPU µs a step", f"speed / {BASE}", "envs")
         rows = [
@@ -89,7 +89,7 @@ def run(
     rounds: int = 5,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
-    """Measure this package beside every other way to step a robot that is installed.
+    """Measure this package and the other simulators that are installed.
 
     Parameters
     ----------
@@ -98,13 +98,13 @@ def run(
     num_envs : int
         Number of environments N.
     threads : int, optional
-        Threads of each contender; all cores if left out.
+        Threads of each simulator; by default the number of cores.
     seconds : float
-        Least length of a sample, s.
+        Minimum duration of a sample, s.
     rounds : int
-        Samples a contender.
+        Samples of each simulator.
     progress : callable
-        Told what happens, for example ``print``.
+        Called with a text before each measurement, for example ``print``.
 
     Raises
     ------
@@ -115,17 +115,17 @@ def run(
     check({"num_envs": [num_envs], "threads": [threads], "rounds": [rounds]}, seconds)
     described = machine.describe()
     workload = Workload(load_robot(robot), num_envs, threads)
-    with enter(CONTENDERS, workload, progress) as (contenders, missing):
-        samples = measure_rounds(contenders, seconds, rounds, progress)
+    with open_all(SIMULATORS, workload, progress) as (simulators, missing):
+        samples = measure_rounds(simulators, seconds, rounds, progress)
     settings: dict[str, Any] = {"robot": workload.robot.name, "num_envs": num_envs, "threads": threads}
     settings |= {"seconds": seconds, "rounds": rounds}
-    results = (_result(key, contenders[key], own, samples[BASE]) for key, own in samples.items())
+    results = (_result(key, simulators[key], own, samples[BASE]) for key, own in samples.items())
     return Report(described, settings, tuple(results), tuple(missing))
 
 
-def _result(key: str, contender: Contender, own: Sequence[Sample], base: Sequence[Sample]) -> Result:
+def _result(key: str, simulator: Simulator, own: Sequence[Sample], base: Sequence[Sample]) -> Result:
     return Result(
-        *(key, contender.note, contender.num_envs),
+        *(key, simulator.note, simulator.num_envs),
         rate=Spread.of([sample.rate for sample in own]),
         cpu_us=Spread.of([sample.cpu_us for sample in own]),
         ratio=Spread.of([one.rate / other.rate for one, other in zip(own, base, strict=True)]),

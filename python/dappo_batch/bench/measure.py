@@ -1,4 +1,4 @@
-"""Interleaved timing: every contender in every round, in rotating order."""
+"""Interleaved timing: every round measures every simulator, in rotating order."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from statistics import median
 from typing import Protocol, TypeVar
 
 from dappo_batch._core import ConfigError
-from dappo_batch.bench.contenders import Contender, Unavailable
+from dappo_batch.bench.simulators import Simulator, Unavailable
 
 __all__ = [
-    "SETTLING_STEPS",
+    "WARM_UP_STEPS",
     "Missing",
     "Sample",
     "Spread",
     "align",
     "check",
-    "enter",
     "measure_rounds",
+    "open_all",
     "progress",
     "rotated",
 ]
@@ -30,8 +30,8 @@ _T = TypeVar("_T")
 _W = TypeVar("_W")
 _C = TypeVar("_C", bound="_Closed")
 
-SETTLING_STEPS = 40
-"""Env steps before the first sample. Contacts decide what a step costs, and robots begin above the floor."""
+WARM_UP_STEPS = 40
+"""Env steps before the first sample: robots start above the floor, and contacts cost time."""
 
 
 class _Closed(Protocol):
@@ -40,7 +40,7 @@ class _Closed(Protocol):
 
 @dataclass(frozen=True)
 class Missing:
-    """A contender that was not measured, why, and the command that would change it, if there is one."""
+    """A simulator that was not measured, the reason, and the command that installs it, if there is one."""
 
     key: str
     reason: str
@@ -52,7 +52,7 @@ class Missing:
 
 
 def check(counts: Mapping[str, Sequence[int]], seconds: float) -> None:
-    """Raise `ConfigError` if a count is below 1 or the time is none."""
+    """Raise `ConfigError` if a count is below 1 or the time is not positive and finite."""
     for name, values in counts.items():
         if min(values, default=0) < 1:
             raise ConfigError(f"{name} must be at least 1, got {min(values, default='nothing')}")
@@ -61,30 +61,30 @@ def check(counts: Mapping[str, Sequence[int]], seconds: float) -> None:
 
 
 @contextmanager
-def enter(
+def open_all(
     makers: Mapping[str, Callable[[_W], _C]], work: _W, progress: Callable[[str], None]
 ) -> Iterator[tuple[dict[str, _C], list[Missing]]]:
-    """Make all contenders that can run here, say why the others cannot, and close them at the end.
+    """Create the simulators that can run here, list the others as `Missing`, and close them at the end.
 
-    Makers raise `Unavailable` where they cannot.
+    Makers raise `Unavailable` if their simulator cannot run.
     """
     made: dict[str, _C] = {}
     missing: list[Missing] = []
-    with ExitStack() as entered:
+    with ExitStack() as stack:
         for key, make in makers.items():
-            progress(f"making {key}")
+            progress(f"starting {key}")
             try:
                 made[key] = make(work)
             except Unavailable as reason:
                 missing.append(Missing(key, str(reason), reason.install))
             else:
-                entered.callback(made[key].close)
+                stack.callback(made[key].close)
         yield made, missing
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One contender's share of one round: env steps, elapsed time, and processor time of all threads, s."""
+    """One simulator in one round: env steps, elapsed time, and processor time of all threads, s."""
 
     steps: int
     wall_seconds: float
@@ -103,7 +103,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Spread:
-    """Median and range of a few numbers."""
+    """Median and range of a sample."""
 
     median: float
     low: float
@@ -121,34 +121,34 @@ class Spread:
 
 
 def measure_rounds(
-    contenders: Mapping[str, Contender], seconds: float, rounds: int, progress: Callable[[str], None]
+    simulators: Mapping[str, Simulator], seconds: float, rounds: int, progress: Callable[[str], None]
 ) -> dict[str, list[Sample]]:
-    """Time all contenders `rounds` times, each for `seconds` at least, and return their samples.
+    """Time all simulators `rounds` times, each for at least `seconds`, and return their samples.
 
-    Whatever else the machine does meanwhile affects neighbours in a round alike, so numbers are compared
-    within a round. The order rotates.
+    The load of the machine affects all samples of a round alike, so numbers are compared within a round. The
+    order rotates.
     """
-    for key, contender in contenders.items():
+    for key, simulator in simulators.items():
         progress(f"warming up {key}")
-        contender.run_for(0.0, SETTLING_STEPS)
-    samples: dict[str, list[Sample]] = {key: [] for key in contenders}
+        simulator.run_for(0.0, WARM_UP_STEPS)
+    samples: dict[str, list[Sample]] = {key: [] for key in simulators}
     for number in range(rounds):
-        for key in rotated([*contenders], number):
+        for key in rotated([*simulators], number):
             progress(f"round {number + 1} of {rounds}: {key}")
             cpu, wall = time.process_time(), time.perf_counter()
-            steps = contenders[key].run_for(seconds)
+            steps = simulators[key].run_for(seconds)
             samples[key].append(Sample(steps, time.perf_counter() - wall, time.process_time() - cpu))
     return samples
 
 
-def rotated(entrants: Sequence[_T], number: int) -> list[_T]:
-    """Return everybody in the order of round `number`: each leaves caches behind for the next."""
-    shift = number % max(1, len(entrants))
-    return [*entrants[shift:], *entrants[:shift]]
+def rotated(entries: Sequence[_T], number: int) -> list[_T]:
+    """Return `entries` in the order of round `number`, as each affects the caches of the next."""
+    shift = number % max(1, len(entries))
+    return [*entries[shift:], *entries[:shift]]
 
 
 def progress(what: str) -> None:
-    """Show on a terminal what happens, in the line that showed what happened before."""
+    """Replace the status line on a terminal."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{what} …", end="", file=sys.stderr, flush=True)
 

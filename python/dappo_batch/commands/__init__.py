@@ -1,8 +1,7 @@
 """The commands of ``dappo-batch`` as functions.
 
-They do what the command line does and write the same folders, but return results where it prints, and raise
-where it ends with an error. Ctrl-C stops them in good order, as there, and raises ``KeyboardInterrupt``;
-`resume` goes on.
+They write the same folders as the command line, but return results instead of printing them, and raise
+exceptions. Ctrl-C stops them gracefully and raises ``KeyboardInterrupt``; `resume` continues.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Damage in mid-walk."""
+"""Damage in mid-episode."""
 
 from __future__ import annotations
 
@@ -28,39 +28,39 @@ def adapt(
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> AdaptationReport:
-    """Let damage strike in mid-walk, and see how a controller finds out and walks on.
+    """Damage robots in mid-episode, and measure how a controller detects, diagnoses and adapts.
 
     Parameters
     ----------
     run, diagnoser
         Run folder of a damage-aware policy, and folder of a diagnoser.
     damage
-        The damage that strikes, by its name or number; every class in turn if left out.
+        Damage class, by its name or id; by default every class in turn.
     at
-        Step at which it strikes.
+        Onset, env steps.
     episodes
-        Episodes a damage class.
+        Episodes of each damage class.
     seed
         Seed of the initial states.
     expert
-        Run folder of the policy that walks during a diagnosis; `run` itself if left out.
+        Run folder of the policy that controls the robot during a diagnosis; by default `run` itself.
     unaware
-        Run folder of a policy to compare with.
+        Run folder of PPO-Unaware, for comparison.
     log
-        File for the first episode of a single damage step by step, as CSV.
+        CSV file for the first episode of a single damage class, step by step.
     controller
         Settings of the controller.
     set
-        Settings of the robot that the controller knows nothing of.
+        Settings of the simulated robot that are unknown to the controller.
     robot_changed
-        What to do where the robot file has changed since the training; see `RobotChanged`.
+        What to do if the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 
     Returns
     -------
     AdaptationReport
-        The trial, its summary and, for a single damage, the events of each episode.
+        The trial, its summary and, for a single damage class, the events of each episode.
     """
     arguments = {
         "run": run,

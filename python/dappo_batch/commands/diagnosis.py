@@ -1,4 +1,4 @@
-"""Collecting pairs of robot and twin, and learning to tell the damage from them."""
+"""Collecting pairs of robot and twin, and training diagnosers with them."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ def collect_pairs(
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> list[Path]:
-    """Record walks of damaged robots beside their healthy twins.
+    """Record pairs of damaged robots and their healthy twins.
 
     Parameters
     ----------
     expert
-        Run folder of the policy that walks.
+        Run folder of the expert, the policy that controls the robots.
     out
-        Folder of the dataset; what is there already is not collected again.
+        Folder of the dataset; rollouts that it already contains are not collected again.
     rollouts
-        Walks a damage class, each with its own initial state.
+        Number of rollouts, each with its own initial state and all damage classes.
     timesteps
-        Recorded steps of a walk.
+        Recorded steps of a rollout.
     preset
-        ``paper``, ``runtime`` or ``residual``: when damage strikes and how the twin is led.
+        ``paper``, ``runtime`` or ``residual``: onset of the damage, and kind of twin.
     walker
-        Run folder of another policy that walks before the damage is noticed.
+        Run folder of another policy that controls the robots until the damage is suspected.
     seed
-        Seed of the walks.
+        Seed of the rollouts.
     shard
-        Piece i of n, as ``"i/n"``; all pieces may go into one folder.
+        Part i of n, as ``"i/n"``; all parts can be written to one folder.
     robot_changed
-        What to do where the robot file has changed since the training; see `RobotChanged`.
+        What to do if the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 
@@ -57,7 +57,7 @@ def collect_pairs(
     -------
     list of Path
         The files of the dataset, for ``numpy.load(path, mmap_mode="r")``: structured arrays with the fields
-        that the guide to diagnosis lists.
+        in the guide to diagnosis.
     """
     target = folder(out, "out")
     arguments = {
@@ -96,9 +96,9 @@ def train_diagnoser(
     data, out
         Folders of the dataset and of the training.
     method
-        ``A``, ``B``, ``C`` or ``D``: what the network sees.
+        ``A``, ``B``, ``C`` or ``D``: input of the network.
     timesteps, rollouts
-        How much of the data is used; all if left out.
+        Steps and rollouts of the data to use; by default all.
     seed
         Seed of split, weights and order.
     head
@@ -108,7 +108,7 @@ def train_diagnoser(
     set
         Any other setting, for example ``{"epochs": 20}``.
     callback
-        Told the metrics of each epoch.
+        Called with the metrics of each epoch.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def evaluate_diagnoser(
     threads: int | None = None,
     robot_changed: RobotChanged | None = None,
 ) -> list[DiagnoserReport]:
-    """Test diagnosers on datasets of another seed than their training data.
+    """Evaluate diagnosers on datasets with another seed than their training data.
 
     Parameters
     ----------
@@ -146,13 +146,13 @@ def evaluate_diagnoser(
     data
         Folders of datasets.
     policy
-        Run folder of a damage-aware policy: also measure what the mistakes cost it.
+        Run folder of a damage-aware policy, to measure the cost of misclassifications.
     episodes
-        Episodes a pair of true and named class, for `policy`.
+        Episodes of each pair of true and diagnosed class, for `policy`.
     threads
         Worker threads.
     robot_changed
-        What to do where the robot file of `policy` has changed since its training; see `RobotChanged`.
+        What to do if the robot file of `policy` has changed since its training; see `RobotChanged`.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def evaluate_diagnoser(
         One for each model and dataset.
     """
     if episodes is not None and policy is None:
-        raise ConfigError("episodes are those of a policy; give its run folder as policy, too")
+        raise ConfigError("episodes are those of a policy; also pass its run folder as policy")
     arguments = {
         "models": models,
         "data": data,

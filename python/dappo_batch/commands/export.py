@@ -1,4 +1,4 @@
-"""Everything that a controller or a policy needs, in one folder."""
+"""Export of a policy or a controller into one folder."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ def export(
     Parameters
     ----------
     run
-        Run folder of the policy; one for a controller observes the damage and has been evaluated.
+        Run folder of the policy; for a controller it must be damage-aware and evaluated.
     out
-        The folder; an earlier export there is replaced.
+        The export folder; an earlier export is replaced.
     diagnoser
-        Folder of a diagnoser; the policy alone is exported if left out.
+        Folder of a diagnoser; by default only the policy is exported.
     expert
-        Run folder of the policy that walks during a diagnosis; `run` itself if left out.
+        Run folder of the policy that controls the robot during a diagnosis; by default `run` itself.
     trigger
-        What raises suspicion, ``"residual"`` (the default) or ``"speed"``.
+        The trigger, ``"residual"`` (the default) or ``"speed"``.
     controller
         Other settings of the controller, for example ``{"cooldown": 100}``.
     robot_changed
-        What to do where the robot file has changed since the training; see `RobotChanged`.
+        What to do if the robot file has changed since the training; see `RobotChanged`.
 
     Returns
     -------
     Path
-        The folder. Its ``export.json`` says what each file is.
+        The export folder. Its ``export.json`` describes each file.
 
     Raises
     ------
     ConfigError
         If a folder or a setting cannot be used, the parts are not of one robot, or `expert`, `trigger` or
-        `controller` come without a diagnoser.
+        `controller` are given without a diagnoser.
     CheckpointError
-        If a file cannot be read, or `out` holds something else than an export.
+        If a file cannot be read, or `out` contains anything but an export.
     """
     target = folder(out, "out")
     for name, value in {"expert": expert, "trigger": trigger, "controller": controller}.items():

@@ -1,4 +1,4 @@
-"""From functions to commands, and from the objects that commands hand over to results."""
+"""Call of a command from Python, with its JSON objects as result."""
 
 from __future__ import annotations
 

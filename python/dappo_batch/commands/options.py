@@ -16,29 +16,29 @@ __all__ = ["FLAGS", "Callback", "Folder", "RobotChanged", "Simulation", "Trainin
 Folder: TypeAlias = str | bytes | PathLike[str]
 """A path of the file system; as bytes it need not be UTF-8."""
 Callback: TypeAlias = Callable[[dict[str, Any]], bool | None]
-"""Told the metrics of each iteration or epoch, a line of ``metrics.jsonl``; ``False`` stops in good order."""
+"""Called with the metrics of each iteration or epoch, a line of ``metrics.jsonl``; False stops gracefully."""
 
 RobotChanged: TypeAlias = Literal["use-run", "use-file"]
-"""Where the robot file has changed since a training: go on with the robot as the run has it, or with the file
-as it is now. By default that is an error that says what differs."""
+"""If the robot file has changed since the training: use the copy of the robot in the run folder, or the
+current file. By default a change is an error that lists the differences."""
 
 
 class Simulation(TypedDict, total=False):
-    """How to simulate.
+    """Options of the simulation.
 
     Attributes
     ----------
     device : str
         ``auto``, ``cpu``, ``cuda`` or ``warp-cpu``.
     backend : str
-        ``auto``, ``lanes`` or ``mujoco``, on the CPU.
+        ``auto``, ``lanes`` or ``mujoco``; on the CPU.
     precision : str
         ``f32`` or ``f64``, of the backend ``lanes``.
     threads : int
-        Worker threads; all cores if left out.
+        Worker threads; by default the number of cores.
     njmax, nconmax : int
-        On a GPU, room for the constraints of an env, and for contacts, an env on average; what a limbed robot
-        can need at most if left out.
+        On a GPU, buffer sizes: constraints of each env, and contacts as an average over the envs; by default
+        the most that a limbed robot can need.
     """
 
     device: Device
@@ -50,16 +50,16 @@ class Simulation(TypedDict, total=False):
 
 
 class TrainingOptions(Simulation, total=False):
-    """What to train, as the flags of ``dappo-batch train``: those of `Simulation`, and these.
+    """Options of a training, as the flags of ``dappo-batch train``: those of `Simulation`, and these.
 
     Attributes
     ----------
     robot : str
         Built-in robot or path of a robot TOML.
     config : path-like
-        Configuration file instead of the robot's own.
+        Configuration file; by default the one of the robot.
     num_envs : int
-        Number of environments simulated at once, N; the flag ``--envs``.
+        Number of parallel environments, N; the flag ``--envs``.
     total_steps : int
         Env steps of the whole run; the flag ``--steps``.
     seed : int
@@ -69,7 +69,7 @@ class TrainingOptions(Simulation, total=False):
     unaware : bool
         Hide the damage code from the policy (PPO-Unaware).
     healthy : bool
-        Train on the healthy robot alone (the expert).
+        Train only on the healthy robot (the expert).
     reward, physics : str
         Name of a reward function of the robot; ``rk4`` or ``euler``.
     set : mapping
@@ -90,11 +90,11 @@ class TrainingOptions(Simulation, total=False):
 
 
 FLAGS: Mapping[str, str] = {"envs": "num_envs", "steps": "total_steps"}
-"""Options whose flags have other names. Functions had them too, and still take them with a warning."""
+"""Options whose flags have other names. Functions accept these old names with a warning."""
 
 
 def renamed(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options under their own names; those of flags are replaced, with a warning.
+    """Return options with names of flags replaced by their own, with a warning.
 
     Raises
     ------
@@ -104,6 +104,6 @@ def renamed(options: Mapping[str, Any]) -> dict[str, Any]:
     for flag in FLAGS.keys() & options.keys():
         if FLAGS[flag] in options:
             raise ConfigError(f"{FLAGS[flag]} is given twice, also by its old name {flag}")
-        # Of the caller's caller, which is the program's.
+        # The caller's caller is the user's program.
         warnings.warn(f"the option {flag} is called {FLAGS[flag]} now", FutureWarning, stacklevel=3)
     return {FLAGS.get(name, name): value for name, value in options.items()}

@@ -1,4 +1,4 @@
-"""What the commands written in Python print."""
+"""Standard output of the commands that are written in Python."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["written"]
 
 
 def written(command: Callable[..., int], **arguments: Any) -> int:  # noqa: ANN401 - those of `command`
-    """Run a command, and see to it that what it prints is written.
+    """Run a command, and flush standard output.
 
-    A closed pipe is no failure: whoever read it has seen enough.
+    A closed pipe is not an error.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def written(command: Callable[..., int], **arguments: Any) -> int:  # noqa: ANN4
         _discard()
         return 0
     except OSError as error:
-        # An error of a file names it.
+        # Errors of files have a file name.
         if error.filename is not None or error.errno not in (
             errno.ENOSPC,
             errno.EIO,
@@ -45,6 +45,6 @@ def written(command: Callable[..., int], **arguments: Any) -> int:  # noqa: ANN4
 
 
 def _discard() -> None:
-    """Send what is left to nowhere, so that the interpreter does not try again at its end."""
+    """Redirect buffered output to the null device, so that the interpreter does not fail at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

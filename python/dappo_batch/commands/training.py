@@ -20,9 +20,9 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     Parameters
     ----------
     run
-        The run folder; it must not hold a run.
+        The run folder; it must not contain a run.
     callback
-        Told the metrics of each iteration.
+        Called with the metrics of each iteration.
     **options
         See `TrainingOptions`.
 
@@ -34,7 +34,7 @@ def train(run: Folder, *, callback: Callback | None = None, **options: Unpack[Tr
     Raises
     ------
     ConfigError
-        If an option is unknown or out of range, or the folder holds a run.
+        If an option is unknown or out of range, or the folder contains a run.
     SimulationError
         If the simulation cannot be set up, or the training diverges; see `resume`.
     """
@@ -55,28 +55,28 @@ def resume(
     callback: Callback | None = None,
     steps: int | None = None,
 ) -> Run:
-    """Go on with a training from its newest checkpoint.
+    """Resume a training from its newest checkpoint.
 
     Parameters
     ----------
     run
         The run folder.
     total_steps
-        Env steps of the whole run, if its budget is to be another one.
+        Env steps of the whole run, to change its budget.
     threads
-        Worker threads; all cores if left out.
+        Worker threads; by default the number of cores.
     learner
         ``cpu`` or ``wgpu``: where the networks are computed.
     njmax, nconmax
-        On a GPU, room for the constraints of an env, and for contacts, an env on average, from now on.
+        On a GPU, buffer sizes from now on: constraints of each env, and contacts as an average over the envs.
     set
-        Settings that change from now on, for example ``{"ppo.learning_rate": 1e-4}``. The run folder notes
-        them. What its checkpoints have built in, such as ``ppo.hidden``, cannot change.
+        Settings that change from now on, for example ``{"ppo.learning_rate": 1e-4}``. The run folder records
+        them. Settings that determine the checkpoints, such as ``ppo.hidden``, cannot change.
     robot_changed
-        Where the robot file has changed since the training: ``"use-run"`` goes on with the robot as the run
-        has it, ``"use-file"`` with the file as it is now, of which the run then keeps a copy.
+        If the robot file has changed since the training: ``"use-run"`` uses the copy of the robot in the run
+        folder, ``"use-file"`` the current file, which then replaces the copy.
     callback
-        Told the metrics of each iteration.
+        Called with the metrics of each iteration.
     steps
         Old name of `total_steps`.
 
@@ -88,12 +88,12 @@ def resume(
     Raises
     ------
     ConfigError
-        If the folder holds no run, a setting cannot change, or the robot file has changed and `robot_changed`
-        does not say what to do.
+        If the folder contains no run, a setting cannot change, or the robot file has changed and
+        `robot_changed` is not given.
     CheckpointError
         If its checkpoint cannot be read.
     SimulationError
-        If the training diverges. The newest checkpoint stays as it is; `set` can lower the learning rates.
+        If the training diverges. The newest checkpoint is kept; `set` can lower the learning rates.
     """
     budgets = {"total_steps": total_steps, "steps": steps}
     arguments = {
@@ -119,22 +119,22 @@ def evaluate(
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> EvaluationReport:
-    """Run policies on every damage class; tables go into ``eval/`` of their runs.
+    """Evaluate policies on every damage class, and write tables to ``eval/`` of their runs.
 
     Parameters
     ----------
     *runs
-        Run folders, seeds of one learner.
+        Run folders of one learner with different seeds.
     compare
         Run folders of another learner.
     encoding
-        What the policies of `runs` are told: ``true``, ``zero``, ``wrong`` or ``random``.
+        Damage code that the policies of `runs` receive: ``true``, ``zero``, ``wrong`` or ``random``.
     episodes
-        Episodes a damage class; those of the run's configuration if left out.
+        Episodes of each damage class; by default that of the run's configuration.
     seed
         Seed of the initial states.
     robot_changed
-        What to do where the robot file has changed since the training; see `RobotChanged`.
+        What to do if the robot file has changed since the training; see `RobotChanged`.
     **simulation
         See `Simulation`.
 

@@ -1,4 +1,4 @@
-"""Damage types. Each lies in its own file; programs add their own with `register_damage_type`."""
+"""Damage types, one in each file; programs add others with `register_damage_type`."""
 
 from __future__ import annotations
 
@@ -42,27 +42,27 @@ _Kind = TypeVar("_Kind", bound=type[DamageType])
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 _RESERVED = ("max_damaged_limbs", "severity", "types")
-"""Names of other settings of damage."""
+"""Names of other entries of the section ``[damage]``."""
 
 
 def register_damage_type(kind: _Kind) -> _Kind:
-    """Make a damage type known by its name: to robot TOMLs, configurations and damage specs of this process.
+    """Register a damage type by its name, for robot TOMLs, configurations and damage specs in this process.
 
     Parameters
     ----------
     kind : type
-        A frozen dataclass derived from `DamageType`. One with the module and name of an earlier one takes its
-        place, as when the cell of a notebook runs again.
+        A frozen dataclass derived from `DamageType`. One with the module and name of a registered class
+        replaces it, as when the cell of a notebook runs again.
 
     Returns
     -------
     type
-        `kind` itself, so that this can be a decorator, above ``@dataclass(frozen=True)``.
+        `kind` itself, so that this can be used as a decorator above ``@dataclass(frozen=True)``.
 
     Raises
     ------
     ConfigError
-        If it is no such class, or its name cannot be used or belongs to another type.
+        If `kind` is not such a class, or its name is invalid or belongs to another type.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def register_damage_type(kind: _Kind) -> _Kind:
 
 
 def make_damage_type(name: str, options: Mapping[str, Any]) -> DamageType:
-    """Make a damage type from its name and its parameters.
+    """Create a damage type from its name and parameters.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def make_damage_type(name: str, options: Mapping[str, Any]) -> DamageType:
     if name not in DAMAGE_TYPES:
         raise ConfigError(f"unknown damage type {name!r}: expected one of {', '.join(DAMAGE_TYPES)}")
     kind = DAMAGE_TYPES[name]
-    # mypy cannot know that each concrete type is a dataclass.
+    # mypy does not know that concrete types are dataclasses.
     known: dict[str, Field[Any]] = {field.name: field for field in fields(cast("Any", kind))}
     if unknown := options.keys() - known.keys():
         raise ConfigError(

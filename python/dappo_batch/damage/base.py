@@ -1,4 +1,4 @@
-"""What every damage type has in common."""
+"""Base class of damage types."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["DamageType"]
 
 
 class DamageType(ABC):
-    """One way in which a limb can break: an edit of the MJCF before it is compiled.
+    """A kind of damage of a limb, as an edit of the MJCF before it is compiled.
 
-    A damage type never touches a compiled model: masses, inertias, bounding volumes and inverse weights
+    A damage type never edits a compiled model: masses, inertias, bounding volumes and inverse weights
     depend on each other, and only MuJoCo's compiler derives all of them.
 
     A concrete type is a frozen dataclass. Its fields are the entries of the table ``[damage.<name>]`` in a
@@ -38,9 +38,9 @@ class DamageType(ABC):
         spec : mujoco.MjSpec
             The robot, edited in place. No array of the compiled model may change its size.
         limb : Limb
-            The limb to damage. Limbs are damaged one after the other, so only its own parts may change.
+            The limb to damage. Only its parts may change, because limbs are damaged one after the other.
         severity : float
-            In (0, 1]: 0 would be healthy, 1 is the full damage.
+            In (0, 1]; 1 is the full damage.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Jammed joint: one joint of the limb can hardly move any more."""
+"""Jammed joint: one joint of the limb can hardly move."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ __all__ = ["JammedJoint"]
 
 @dataclass(frozen=True)
 class JammedJoint(DamageType):
-    """A joint whose range shrinks to a sliver around its reference position, that of the MJCF.
+    """A joint whose range shrinks to a small interval around its reference position.
 
     Both ends of the range move linearly with the severity, from the healthy range to ±`range_deg` around
-    the joint's ``ref``, which is 0 where the MJCF gives none. Only ``jnt_range`` of the compiled model
+    the joint's ``ref``, by default 0. Only ``jnt_range`` of the compiled model
     changes: the joint's limits are soft constraints, and a strong motor moves a jammed joint a little
     beyond them.
 
     Attributes
     ----------
     joint : int
-        Which joint of the limb, counted from the torso outwards.
+        Index of the joint in the limb, from the torso outwards.
     range_deg : float
-        Half the range that is left at severity 1, in degrees.
+        Half the range at severity 1, in degrees.
     """
 
     joint: int = 0
@@ -57,12 +57,10 @@ class JammedJoint(DamageType):
         if joint is None:
             raise ConfigError(f"jammed_joint: limb {limb.name}: the MJCF has no joint {name!r}")
         if joint.type != mujoco.mjtJoint.mjJNT_HINGE:
-            raise ConfigError(
-                f"jammed_joint: joint {name} is not a hinge, so a range in degrees says nothing"
-            )
+            raise ConfigError(f"jammed_joint: joint {name} is not a hinge, which a range in degrees needs")
         if not _is_limited(joint):
-            raise ConfigError(f"jammed_joint: joint {name} has no limits that could shrink; give it a range")
-        # MjSpec keeps angles in the unit of the file they were written in; the compiler converts them later.
+            raise ConfigError(f"jammed_joint: joint {name} has no limits; give it a range")
+        # MjSpec keeps angles in the unit of their file; the compiler converts them.
         target = self.range_deg if joint.compiler.degree else math.radians(self.range_deg)
         low, high = float(joint.range[0]), float(joint.range[1])
         middle = float(joint.ref)

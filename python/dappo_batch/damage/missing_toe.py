@@ -1,4 +1,4 @@
-"""Missing toe: the lowest segment of the limb has broken off and left a stump."""
+"""Missing toe: the lowest segment of the limb has broken off, except for a stump."""
 
 from __future__ import annotations
 
@@ -25,22 +25,21 @@ __all__ = ["MissingToe"]
 
 @dataclass(frozen=True)
 class MissingToe(DamageType):
-    """A lowest segment, always a capsule, that is shorter than it was.
+    """A lowest segment, which must be a capsule, that is shortened.
 
     The half-length moves linearly with the severity, from the healthy one to `half_length`. The end at the
     joint, the direction and the radius stay. The compiler derives mass and inertia from the density; a mass
     written in the MJCF is scaled by the capsule's volume. A capsule-shaped touch site shrinks in proportion,
     and the limb's touch signal reads 0 at every severity.
 
-    What else belongs to the segment does not stay where it ended: a foot, a site or a rigidly fixed body at
-    its end moves to the end of the stump, with its mass; a geom that is only looked at is hidden. A part
-    that could do neither, a joint further out, or a constraint or tendon that holds the segment from
-    outside is refused.
+    Other parts at the end of the segment (a foot, a site or a rigidly fixed body) move to the end of the
+    stump, with their mass; visual geoms are hidden. Other parts along the segment, joints further out, and
+    constraints or tendons from outside that are attached to the segment are errors.
 
     Attributes
     ----------
     half_length : float
-        Half-length of the stump's cylindrical part at severity 1, in metres; the round ends come on top.
+        Half-length of the stump's cylindrical part at severity 1, in metres, without the round ends.
     """
 
     half_length: float
@@ -56,9 +55,8 @@ class MissingToe(DamageType):
         """Shorten the limb's toe; see `DamageType.apply`."""
         if limb.toe_geom is None:
             raise ConfigError(
-                f"missing_toe: limb {limb.name} names no toe_geom; write the geom of its lowest segment"
-                " into the robot"
-                " TOML"
+                f"missing_toe: limb {limb.name} has no toe_geom; add the geom of its lowest segment"
+                " to the robot TOML"
             )
         geom = spec.geom(limb.toe_geom)
         if geom is None:
@@ -66,7 +64,7 @@ class MissingToe(DamageType):
         if geom.type != mujoco.mjtGeom.mjGEOM_CAPSULE:
             raise ConfigError(f"missing_toe: geom {geom.name} is not a capsule")
         if geom.parent.explicitinertial:
-            # The shape alone would change, and the stump would keep the weight of the whole toe.
+            # Only the shape would change, and the stump would keep the mass of the whole toe.
             raise ConfigError(
                 f"missing_toe: body {geom.parent.name} has an <inertial>, let geoms define its mass"
             )
@@ -90,7 +88,7 @@ class MissingToe(DamageType):
         cut = Cut(near, direction, 2 * full, 2 * stump, 2 * self.half_length, radius)
         carry_along(spec, geom, site, cut)
         _shorten(spec, geom, stump)
-        if not math.isnan(geom.mass):  # NaN: the MJCF gives no mass, the compiler takes the density
+        if not math.isnan(geom.mass):  # NaN: the MJCF has no mass, and the compiler uses the density
             geom.mass = geom.mass * _volume(radius, stump) / _volume(radius, full)
         if site is not None:
             _shorten(spec, site, _half_length(site) * stump / full)
@@ -112,7 +110,7 @@ def _has_fromto(capsule: mujoco.MjsGeom | mujoco.MjsSite) -> bool:
 
 
 def _axis(spec: mujoco.MjSpec, capsule: mujoco.MjsGeom | mujoco.MjsSite) -> tuple[Vector, Vector]:
-    """Return a capsule's end at the joint and the direction of the other one, in the body's frame."""
+    """Return a capsule's end at the joint and the direction to its other end, in the body's frame."""
     if capsule.frame is not None:
         raise ConfigError(f"missing_toe: {capsule.name} lies in a <frame>, place it in its body directly")
     joints = capsule.parent.joints

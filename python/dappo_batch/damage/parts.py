@@ -1,4 +1,4 @@
-"""What belongs to a limb in an MJCF that is not compiled yet."""
+"""The parts of a limb in an MJCF that is not compiled yet."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def is_on(body: mujoco.MjsBody, limb: Limb) -> bool:
 
 
 def carries(body: mujoco.MjsBody, spec: mujoco.MjSpec, limb: Limb) -> bool:
-    """Return whether a limb hangs on a body: on the torso, not on another limb."""
+    """Return whether a body is above a limb in the kinematic tree, as the torso is."""
     if body.name == "world":
         return True
     above = spec.body(limb.body)

@@ -1,7 +1,7 @@
-"""What becomes of the other parts of a segment that is shortened: feet, sites, covers.
+"""Other parts of a segment that is shortened, such as feet, sites and covers.
 
-No part may stay where the segment has ended. A class table allows no part to vanish, so what sits at the
-end moves with it.
+No part may stay in the air. As all models of a class table have the same parts, those at the end of the
+segment move with it instead of being removed.
 """
 
 from __future__ import annotations
@@ -23,38 +23,38 @@ if TYPE_CHECKING:
 __all__ = ["Cut", "carry_along"]
 
 _AT_THE_END = 0.75
-"""A part whose middle lies beyond this share of the segment is one at its end."""
+"""Parts whose middle is beyond this share of the segment are at its end."""
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Cut:
-    """How a segment is shortened; lengths are those between the middles of its round ends, m."""
+    """A shortened segment; lengths are between the centers of its round ends, m."""
 
     near: Vector
-    """The end that stays, in the frame of the segment's body."""
+    """The end at the joint, in the frame of the segment's body."""
     direction: Vector
     length: float
     left: float
-    """Length that is left."""
+    """Length of the stump."""
     least: float
-    """Length that is left at severity 1."""
+    """Length of the stump at severity 1."""
     radius: float
 
 
 def carry_along(spec: mujoco.MjSpec, toe: mujoco.MjsGeom, site: mujoco.MjsSite | None, cut: Cut) -> None:
-    """Move what sits at the end of a segment to the end of its stump.
+    """Move the parts at the end of a segment to the end of its stump.
 
     Parameters
     ----------
     spec : mujoco.MjSpec
-        The robot, whose segment has its healthy length.
+        The robot, before the segment is shortened.
     toe : mujoco.MjsGeom
         The segment.
     site : mujoco.MjsSite or None
         A site that is shortened together with the segment.
     cut : Cut
-        Where the segment ends.
+        The shortened segment.
 
     Raises
     ------
@@ -84,15 +84,13 @@ def carry_along(spec: mujoco.MjSpec, toe: mujoco.MjsGeom, site: mujoco.MjsSite |
             kind = "body" if isinstance(part, mujoco.MjsBody) else "geom"
             raise ConfigError(
                 f"missing_toe: {kind} {part.name or '(unnamed)'} lies along geom {toe.name} and would stay"
-                " in the air"
-                f" where that is broken off; make it part of {toe.name}, put it on the segment above, or"
-                " use another"
-                " type of damage"
+                f" in the air when that breaks off; make it part of {toe.name}, move it to the segment above,"
+                " or use another damage type"
             )
 
 
 class _Places:
-    """Where the parts of the healthy robot are along the segment."""
+    """Positions of the parts of the healthy robot along the segment."""
 
     def __init__(self, spec: mujoco.MjSpec, toe: mujoco.MjsGeom, cut: Cut) -> None:
         try:
@@ -108,9 +106,9 @@ class _Places:
         self.direction = frame @ cut.direction
 
     def intervals(self, parts: list[Part]) -> list[tuple[float, float]]:
-        """Return the least and the greatest place of each part, counted from the near end."""
+        """Return the interval of each part along the segment, from the end at the joint, m."""
         model = self.model
-        # The compiler keeps the order of what belongs to one body.
+        # The compiler keeps the order of the parts of a body.
         geoms = iter(
             [i for i in np.flatnonzero(model.geom_bodyid == self.body) if i != model.geom(self.name).id]
         )
@@ -149,9 +147,8 @@ class _Places:
             if model.body_jntnum[body]:
                 joint = model.joint(int(model.body_jntadr[body])).name
                 raise ConfigError(
-                    f"missing_toe: joint {joint or '(unnamed)'} hangs on geom {self.name}, so that is not"
-                    " the lowest"
-                    " segment; name the lowest one as toe_geom"
+                    f"missing_toe: joint {joint or '(unnamed)'} is below geom {self.name}, so that is not"
+                    " the lowest segment; set toe_geom to the lowest one"
                 )
         places = [
             self._of_geom(int(geom)) for body in inside for geom in np.flatnonzero(model.geom_bodyid == body)
@@ -175,7 +172,7 @@ def _shift(part: Part, way: Vector) -> None:
 
 
 def _is_for_looks(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
-    """Return whether a geom neither touches nor weighs anything."""
+    """Return whether a geom has neither contacts nor mass."""
     is_paired = geom.name != "" and any(geom.name in (pair.geomname1, pair.geomname2) for pair in spec.pairs)
     low, high = spec.compiler.inertiagrouprange
     is_massless = (
@@ -185,7 +182,7 @@ def _is_for_looks(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
 
 
 def _check_attachments(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """Refuse a segment that something outside of the limb holds on to."""
+    """Raise if a constraint or a tendon is attached to the segment."""
     inside = [body, *body.find_all("body")]
     names = {item.name for item in inside} | {site.name for item in inside for site in item.sites}
     names.discard("")
@@ -193,9 +190,7 @@ def _check_attachments(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     for equality in spec.equalities:
         if equality.objtype in bodies_and_sites and {equality.name1, equality.name2} & names:
             raise ConfigError(
-                f"missing_toe: an equality constraint holds body {body.name}, and would hold its stump"
-                " where the end"
-                " of the segment was"
+                f"missing_toe: an equality constraint is attached to body {body.name}, whose end breaks off"
             )
     for tendon in spec.tendons:
         for wrap in tendon.path:

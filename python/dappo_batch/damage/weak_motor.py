@@ -17,24 +17,23 @@ if TYPE_CHECKING:
 
 __all__ = ["WeakMotor"]
 
-# The force is linear in the parameters of these.
+# Types whose force is linear in their parameters.
 _SCALABLE_GAINS = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
 _SCALABLE_BIASES = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 @dataclass(frozen=True)
 class WeakMotor(DamageType):
-    """Motors or servos of the limb that give a share of the torque they gave, in every state.
+    """Motors or servos of the limb with a fraction of their torque, in every state.
 
-    The share falls linearly with the severity, from 1 to `strength`. It scales the gain, the bias and the
-    limit of the force of every actuator that moves the limb, by a joint, a tendon, a site, a slider-crank
-    or a body, and the limits of the actuators' force on the limb's joints and on those tendons; nothing
-    else.
+    The fraction decreases linearly with the severity, from 1 to `strength`. It scales the gain, the bias and
+    the force limit of every actuator that moves the limb by a joint, a tendon, a site, a slider-crank or a
+    body, and the limits of the actuator force on the limb's joints and on those tendons.
 
     Attributes
     ----------
     strength : float
-        Share of the torque that is left at severity 1, from 0 (dead motors) to below 1.
+        Fraction of the torque at severity 1, at least 0 (dead motors) and below 1.
     """
 
     strength: float = 0.5
@@ -49,13 +48,13 @@ class WeakMotor(DamageType):
         """Weaken the actuators of the limb; see `DamageType.apply`."""
         actuators = [actuator for actuator in spec.actuators if _moves(spec, actuator, limb)]
         if not actuators:
-            raise ConfigError(f"weak_motor: limb {limb.name} has no actuator that could weaken")
+            raise ConfigError(f"weak_motor: limb {limb.name} has no actuator")
         joints = joints_of(spec, limb)
         if any(joint.actgravcomp for joint in joints):
             raise ConfigError(
                 f"weak_motor: limb {limb.name} has a joint whose actuators compensate for gravity"
                 " (actuatorgravcomp),"
-                " which would not weaken; use gravity compensation without it"
+                " which does not weaken; use gravity compensation without it"
             )
         share = 1 + severity * (self.strength - 1)
         tendons = {a.target for a in actuators if a.trntype == mujoco.mjtTrn.mjTRN_TENDON}
@@ -72,9 +71,9 @@ class WeakMotor(DamageType):
                 )
             actuator.gainprm = share * np.asarray(actuator.gainprm)
             actuator.biasprm = share * np.asarray(actuator.biasprm)
-            if share > 0:  # a dead motor gives nothing within any limits, and MuJoCo takes none of width 0
+            if share > 0:  # MuJoCo allows no range of width 0, and a dead motor needs none
                 actuator.forcerange = share * np.asarray(actuator.forcerange)
-        # A limit that stayed would let a motor that saturates it give the torque of a healthy one.
+        # With the old limit a saturated motor would have the torque of a healthy one.
         for limited in [*joints, *(spec.tendon(name) for name in tendons)]:
             if share > 0:
                 limited.actfrcrange = share * np.asarray(limited.actfrcrange)
@@ -93,14 +92,14 @@ def _moves(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, limb: Limb) -> boo
         if is_on(body, limb):
             inside = True
         elif actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and _is_fixed(spec.tendon(actuator.target)):
-            foreign.append(body.name)  # a joint of the torso moves as well
+            foreign.append(body.name)  # a joint of the torso moves too
         elif not carries(body, spec, limb):
             foreign.append(body.name)
     if inside and foreign:
         raise ConfigError(
             f"weak_motor: actuator {actuator.name or actuator.target} moves limb {limb.name} together with"
             " body"
-            f" {foreign[0]!r} outside of it; give the limb actuators of its own"
+            f" {foreign[0]!r} outside of it; give the limb separate actuators"
         )
     return inside
 
@@ -119,12 +118,12 @@ def _bodies_moved(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> list[muj
         tendon = spec.tendon(actuator.target)
         targets = [] if tendon is None else [wrap.target for wrap in tendon.path]
         return [target.parent for target in targets if target is not None]
-    # Every other transmission, whatever it is called, has a joint.
+    # Every other transmission has a joint.
     return [joint.parent for joint in _existing([spec.joint(actuator.target)])]
 
 
 def _existing(items: list[Any]) -> list[Any]:
-    """Leave out what the MJCF names but does not have; the compiler reports it."""
+    """Leave out references to missing parts, which the compiler reports."""
     return [item for item in items if item is not None]
 
 

@@ -15,7 +15,7 @@ __all__ = ["DamageEnv", "DamageVectorEnv", "EnvOptions", "VectorEnvOptions", "ma
 def make_vec(
     robot: RobotLike = "ant", num_envs: int = 1, **options: Unpack[VectorEnvOptions]
 ) -> DamageVectorEnv:
-    """Make `num_envs` environments of one robot.
+    """Create `num_envs` environments of one robot.
 
     Parameters
     ----------
@@ -33,8 +33,7 @@ def make_vec(
     Raises
     ------
     ConfigError, ShapeError
-        If an argument is out of range, has a wrong shape, or names a robot, class or reward that does
-        not exist.
+        If an argument is out of range, has a wrong shape, or a robot, class or reward does not exist.
     ClassTableError
         If a damage class of the robot does not compile.
 

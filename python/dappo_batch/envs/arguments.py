@@ -1,4 +1,4 @@
-"""What a user may pass to the environments: checks, conversions and the messages when it does not fit."""
+"""Arguments of the environments: checks, conversions and error messages."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ DamageSpec: TypeAlias = int | str
 """A class id or a spec string such as ``"jammed_joint@0+missing_toe@2"``."""
 
 Damage: TypeAlias = DamageSpec | Sequence[DamageSpec] | Mapping[str | int, float] | NDArray[Any]
-"""``"uniform"``, one class, several classes, class → weight, or one weight per class."""
+"""``"uniform"``, one class, several classes, a mapping class → weight, or one weight for each class."""
 
 Seed: TypeAlias = int | Sequence[int | None] | None
 
 DRAW = -1
-"""In arrays of class ids or onsets: let the environment draw this one itself."""
+"""In arrays of class ids or onsets: drawn by the environment."""
 
 MOST_ENVS = 2**24
 MOST_STEPS = 2**31 - 1  # devices count steps with 31 bits
@@ -32,7 +32,7 @@ RESET_OPTIONS = ("damage_class", "onset", "reset_mask")
 
 
 def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
-    """Return the Gymnasium mode called `value` (``"next_step"``, ``"NextStep"`` or the enum member).
+    """Return the Gymnasium mode of a name (``"next_step"``, ``"NextStep"`` or the enum member).
 
     Raises
     ------
@@ -49,7 +49,7 @@ def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
 
 
 def class_id(space: DamageSpace, spec: object) -> int:
-    """Return the id of the damage class that `spec` names (an id or a spec string).
+    """Return the id of the damage class of `spec`, an id or a spec string.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def class_id(space: DamageSpace, spec: object) -> int:
 
 
 def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | None:
-    """Turn the `damage` argument into one weight per class.
+    """Convert the argument `damage` to one weight for each class.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def class_weights(space: DamageSpace, damage: Damage) -> NDArray[np.float64] | N
         for spec in _listed(damage):
             weights[class_id(space, spec)] += 1.0
     if weights.sum() <= 0.0:
-        raise ConfigError(f"damage must leave at least one class to draw from, got {shown(damage)}")
+        raise ConfigError(f"damage must have at least one class of positive weight, got {shown(damage)}")
     return weights
 
 
@@ -132,7 +132,7 @@ def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
     Raises
     ------
     ConfigError
-        If a step is no integer or negative, or the range is empty.
+        If a step is not an integer, or negative, or the range is empty.
     """
     each = items(onset)
     low, high = each if each is not None and len(each) == 2 else (onset, onset)
@@ -143,28 +143,29 @@ def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
 
 
 def fresh_keys(num_envs: int) -> NDArray[np.uint64]:
-    """Return independent random stream keys of shape [N] from the operating system's entropy."""
+    """Return independent random keys [N] from the operating system's entropy."""
     return np.random.SeedSequence().generate_state(num_envs, np.uint64).astype(np.uint64)
 
 
 def stream_keys(
     seed: int | Sequence[int | None], num_envs: int
 ) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
-    """Return the random stream key of each env and whether a key was given for it.
+    """Return the random key of each env, and whether it was given.
 
-    An integer gives env ``i`` the key ``seed + i``, as Gymnasium does; in a sequence ``None`` keeps
-    the stream that the env already has.
+    With an integer the key of env ``i`` is ``seed + i``, as in Gymnasium; ``None`` in a sequence keeps the
+    random stream of the env.
 
     Returns
     -------
     keys : array of shape [N]
-        0 where none was given.
+        Keys; 0 where none was given.
     given : array of shape [N]
+        Whether a key was given.
 
     Raises
     ------
     ConfigError
-        If a seed is no integer, negative, or above 2**64 - 1.
+        If a seed is not an integer, or not in 0 … 2**64 - 1.
     ShapeError
         If a sequence does not have one seed for each env.
     """
@@ -186,16 +187,16 @@ def stream_keys(
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """The ``options`` of a reset; ``None`` where the user left one out.
+    """The ``options`` of a reset; missing ones are None.
 
     Attributes
     ----------
     mask : array of shape [N] or None
         Envs to reset.
     classes : array of shape [N] or None
-        Damage class of the coming episode, `DRAW` where the env draws it.
+        Damage class of the next episode, `DRAW` where the env draws it.
     onsets : array of shape [N] or None
-        Episode step at which the damage strikes, `DRAW` where the env draws it.
+        Onset in episode steps, `DRAW` where the env draws it.
     """
 
     mask: NDArray[np.bool_] | None
@@ -204,12 +205,12 @@ class ResetOptions:
 
     @classmethod
     def parse(cls, options: Mapping[str, Any] | None, space: DamageSpace, num_envs: int) -> ResetOptions:
-        """Check the ``options`` of ``reset`` and spread single values over all envs.
+        """Check the ``options`` of ``reset`` and repeat single values for all envs.
 
         Raises
         ------
         ConfigError
-            If an option is unknown or a value of it cannot be used.
+            If an option is unknown or its value is invalid.
         ShapeError
             If an option has neither one value nor one for each env.
         """
@@ -242,7 +243,7 @@ def _per_env(
     num_envs: int,
     convert: Callable[[object], int],
 ) -> NDArray[np.int64] | None:
-    """Convert a single value or one value per env; ``None`` and `DRAW` ask the env to draw."""
+    """Convert a single value or one value per env; the env draws those that are ``None`` or `DRAW`."""
     if value is None:
         return None
     values = _listed(value)
@@ -267,7 +268,7 @@ def state(
     ShapeError
         If an array has another shape.
     ConfigError
-        If it holds something else than finite numbers.
+        If it contains anything but finite numbers.
     """
     found = []
     for name, value, shape in (("qpos", qpos, qpos_shape), ("qvel", qvel, qvel_shape)):
@@ -280,14 +281,14 @@ def state(
 
 
 def action_batch(actions: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return `actions` as a contiguous float32 array, without copying when it already is one.
+    """Return `actions` as a contiguous float32 array, without a copy if it is one.
 
     Raises
     ------
     ShapeError
         If the array does not have `shape`.
     ConfigError
-        If its type cannot become float32 without changing the kind of value (complex, text, objects).
+        If its type cannot be converted to float32 (complex, text, objects).
     """
     rows = array(actions, f"actions: expected shape {shape}", np.float32)
     if rows.shape != shape:

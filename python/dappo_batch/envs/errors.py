@@ -1,4 +1,4 @@
-"""What is raised before a reset."""
+"""The error for envs that must be reset."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ __all__ = ["ResetNeededError"]
 
 
 class ResetNeededError(SimulationError, ResetNeeded):
-    """An env must be reset before it goes on; also Gymnasium's ``ResetNeeded``."""
+    """An env must be reset before the next step; also Gymnasium's ``ResetNeeded``."""

@@ -1,4 +1,4 @@
-"""What both kinds of environment do with the native simulation in the same way."""
+"""Common base of both kinds of environment: the native simulation, saved states and pictures."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ __all__ = ["NativeEnv", "SavedState"]
 
 @dataclass(frozen=True)
 class SavedState(NotPicklable):
-    """What `save_state` returns: everything that the next steps of its envs depend on."""
+    """A state returned by `save_state`: everything on which the next steps of the envs depend."""
 
-    _instead: ClassVar[str] = "keep it in the process of its envs"
+    _instead: ClassVar[str] = "use it in the process of its envs"
 
     core: _core.EnvState = field(repr=False)
     was_reset: bool
@@ -38,9 +38,9 @@ class SavedState(NotPicklable):
 
 
 class NativeEnv(NotPicklable):
-    """Saved states and pictures of N envs that live in native memory.
+    """Saved states and pictures of N envs in native memory.
 
-    A class of Gymnasium's that derives from it calls `_start` first.
+    Derived classes call `_start` first.
     """
 
     metadata: dict[str, Any] = {"render_modes": [RGB_ARRAY]}  # noqa: RUF012 (Gymnasium declares it so)
@@ -59,16 +59,16 @@ class NativeEnv(NotPicklable):
             "render_fps": max(1, round(1.0 / step_seconds(self.table))),
         }
         self._was_reset = False
-        self._ended = np.zeros(num_envs, dtype=np.bool_)  # episodes that wait for a reset
+        self._ended = np.zeros(num_envs, dtype=np.bool_)  # episodes that must be reset
         if self.render_mode is not None:
             self._painter = painter(self.table)
 
     def save_state(self) -> SavedState:
-        """Return everything that the next steps depend on, to go back to with `restore_state`.
+        """Return the complete state of the envs, for `restore_state`.
 
-        Unlike positions and velocities it holds activations of actuators, delayed signals, the start of the
-        solver, and the episodes: their steps, damage and random streams. The same actions then give the
-        same steps, to the bit.
+        In addition to positions and velocities it contains activations of actuators, delayed signals, the
+        warm start of the solver, and the episodes: their steps, damage and random streams. The same actions
+        then lead to bit-identical steps.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class NativeEnv(NotPicklable):
         if not isinstance(state, SavedState):
             raise ConfigError(f"restore_state takes what save_state returned, got {type(state).__name__}")
         if not state.was_reset:
-            raise ConfigError("the state was saved before the first reset, so there is nothing to go back to")
+            raise ConfigError("the state was saved before the first reset and cannot be restored")
         self._core.restore_state(state.core)
         self._was_reset = True
         self._ended = state.ended.copy()
@@ -98,7 +98,7 @@ class NativeEnv(NotPicklable):
         return tuple(self._painter.draw(*shown) for shown in zip(classes, qpos, strict=True))
 
     def _free(self) -> None:
-        """Free the native memory and the process that draws, also of an env that was never finished."""
+        """Free the native memory and end the renderer, also after a failed constructor."""
         if self._painter is not None:
             self._painter.close()
         if hasattr(self, "_core"):
@@ -106,4 +106,4 @@ class NativeEnv(NotPicklable):
 
     def _check_open(self) -> None:
         if self.closed:
-            raise SimulationError("this env is closed; make a new one")
+            raise SimulationError("this env is closed; create a new one")

@@ -1,4 +1,4 @@
-"""The arguments of the environments: names, types, defaults and what they mean, for all of them at once."""
+"""The arguments of all environments: names, types, defaults and descriptions."""
 
 from __future__ import annotations
 
@@ -23,53 +23,53 @@ __all__ = [
 ]
 
 RobotLike: TypeAlias = str | Path | Robot | ClassTable
-"""A shipped robot's name, the path of a robot TOML, a loaded robot, or its compiled class table."""
+"""Name of a built-in robot, path of a robot TOML, a loaded robot, or its compiled class table."""
 
 Device: TypeAlias = Literal["auto", "cpu", "cuda", "warp-cpu"]
-"""Where the physics is computed; ``"warp-cpu"`` runs the kernels of a GPU on the CPU, slowly."""
+"""Device of the physics; ``"warp-cpu"`` runs the GPU kernels on the CPU, slowly."""
 
 Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
-"""What simulates on the CPU; ``"auto"`` is the lane engine wherever it knows everything about the robot."""
+"""Backend on the CPU; ``"auto"`` is the lane engine if it supports the robot."""
 
 Precision: TypeAlias = Literal["f32", "f64"]
 """Floating-point format of the lane engine."""
 
 
 class EnvOptions(TypedDict, total=False):
-    """Arguments of every environment; all may be left out.
+    """Arguments of every environment; all are optional.
 
     Attributes
     ----------
     damage : str, int, sequence, mapping or array
-        Where each episode's damage class is drawn from: ``"uniform"`` (the default) over all D classes,
+        Distribution of the damage class of an episode: ``"uniform"`` (the default) over all D classes,
         ``"healthy"`` or another class (id or spec string), a sequence of classes, a mapping class → weight,
         or an array of D weights.
     reward : str
-        Name of a reward in the robot TOML (``"paper"``, ``"gym"``); its default if left out.
+        Name of a reward in the robot TOML (``"paper"``, ``"gym"``); by default its ``reward.default``.
     observe_damage : bool
-        Append the damage code of the class in force to every observation; true by default.
+        Append the damage code of the active damage to every observation; true by default.
     seed : int or sequence of int
-        Random streams to begin with, as in `reset`; from entropy if left out.
+        Seeds of the random streams, as in `reset`; by default from the operating system's entropy.
     onset : int or (int, int)
-        Episode step at which the damage strikes, or the inclusive range it is drawn from; 0, the default, is
-        at the reset.
+        Episode step at which the damage becomes active, or the inclusive range it is drawn from; 0, the
+        default, is the reset.
     max_episode_steps : int
-        Steps after which an episode is truncated; the robot's own limit if left out.
+        Steps after which an episode is truncated; by default the limit of the robot TOML.
     severity : float
         In (0, 1]; 1, the default, is the full damage.
     max_damaged_limbs : int
-        Most limbs damaged at once; the robot's own number if left out.
+        Maximum number of damaged limbs; by default that of the robot TOML.
     physics : {"rk4", "euler"}
-        Integrator; the one in the robot's MJCF if left out.
+        Integrator; by default that of the robot's MJCF.
     backend : {"auto", "lanes", "mujoco"}
-        What simulates on the CPU. ``"lanes"`` computes MuJoCo's equations for several robots at once and is
-        many times faster; it knows limbed robots on a level floor and refuses all others. ``"mujoco"`` is
-        libmujoco and knows every robot. ``"auto"``, the default, takes ``"lanes"`` wherever it can.
+        Backend on the CPU. ``"lanes"`` computes MuJoCo's equations for several robots at once and is many
+        times faster; it supports only limbed robots on a level floor. ``"mujoco"`` is libmujoco and supports
+        every robot. ``"auto"``, the default, is ``"lanes"`` if it supports the robot, otherwise ``"mujoco"``.
     precision : {"f32", "f64"}
         Floating-point format of ``"lanes"``: ``"f32"``, the default, is faster, ``"f64"`` equals MuJoCo up to
         rounding. ``"mujoco"`` always computes in double precision.
     render_mode : {"rgb_array"}
-        What `render` returns; nothing if left out.
+        Result of `render`; None by default.
     """
 
     damage: Damage
@@ -94,18 +94,18 @@ class VectorEnvOptions(EnvOptions, total=False):
     autoreset : str or AutoresetMode
         ``"next_step"`` (the default), ``"same_step"`` or ``"disabled"``, with Gymnasium's meaning.
     threads : int
-        Worker threads; all cores if left out.
+        Worker threads; by default the number of cores.
     copy : bool
         If false, every returned array is a view of native memory, valid until the next `step`, `reset` or
-        `set_state`, which overwrites it while other Python threads run: none may read it meanwhile. True by
+        `set_state`, which overwrites it without the GIL: other threads must not read it meanwhile. True by
         default.
     device : {"cpu", "cuda", "auto", "warp-cpu"}
-        Where; ``"cpu"`` by default. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single precision; it
-        needs the extra ``gpu``. ``"auto"`` takes it where it can; ``"warp-cpu"`` runs the same kernels on the
-        CPU, slowly.
+        Device of the physics; ``"cpu"`` by default. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single
+        precision; it needs the extra ``gpu``. ``"auto"`` is ``"cuda"`` if available; ``"warp-cpu"`` runs the
+        same kernels on the CPU, slowly.
     njmax, nconmax : int
-        On a GPU, room for the constraints of an env, and for contacts, an env on average; what a limbed robot
-        on a floor can need at most if left out.
+        On a GPU, buffer sizes: constraints of each env, and contacts as an average over the envs; by default
+        the most that a limbed robot on a floor can need.
     """
 
     autoreset: str | AutoresetMode
@@ -141,21 +141,21 @@ _DEFAULTS: VectorEnvOptions = {
 def completed(
     owner: str, options: Mapping[str, Any], known: type[EnvOptions] | type[VectorEnvOptions]
 ) -> VectorEnvOptions:
-    """Return options with the defaults of those that were left out; their values are checked elsewhere.
+    """Return options with defaults for those that are missing; values are checked elsewhere.
 
     Parameters
     ----------
     owner : str
-        Whose arguments they are, for the message.
+        Name of the function or class, for the message.
     options : mapping
-        What was given.
+        The given options.
     known : type
-        The type that names what may be given.
+        The type with the allowed options.
 
     Raises
     ------
     TypeError
-        If there is no such argument, as from any other call in Python.
+        If an option is unknown, as in any other call.
     """
     names = known.__annotations__
     if unknown := [name for name in options if name not in names]:

@@ -1,4 +1,4 @@
-"""The Gymnasium ids: ``dappo_batch/Ant-v0``, ``dappo_batch/Hexapod-v0``, one for every shipped robot."""
+"""The Gymnasium ids: ``dappo_batch/Ant-v0``, ``dappo_batch/Hexapod-v0``, one for every built-in robot."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dappo_batch.robots import ROBOTS, load_robot
 
 
 def env_id(robot: str) -> str:
-    """Return the Gymnasium id of a shipped robot."""
+    """Return the Gymnasium id of a built-in robot."""
     return f"dappo_batch/{robot.title().replace('_', '')}-v0"
 
 
 def register_envs() -> None:
-    """Register all shipped robots with Gymnasium; ids that are already registered stay as they are."""
+    """Register all built-in robots with Gymnasium, except ids that are already registered."""
     for name in ROBOTS:
         if env_id(name) in gymnasium.registry:
             continue

@@ -1,4 +1,4 @@
-"""Builds the native simulation that both kinds of environment wrap."""
+"""The native simulation that both kinds of environment wrap."""
 
 from __future__ import annotations
 
@@ -35,37 +35,37 @@ __all__ = [
 ]
 
 RGB_ARRAY = "rgb_array"
-"""The render mode of all environments."""
+"""The only render mode."""
 
 PICTURE_SIZE = (480, 480)  # height, width in pixels
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
-    """Return a render mode that there is.
+    """Return `render_mode` after a check.
 
     Raises
     ------
     ConfigError
         If there is no such mode.
     """
-    # An array that is compared gives no truth value.
+    # A comparison with an array has no truth value.
     if render_mode is None or (isinstance(render_mode, str) and render_mode == RGB_ARRAY):
         return render_mode
     raise _core.ConfigError(f"render_mode must be None or {RGB_ARRAY!r}, got {shown(render_mode)}")
 
 
 def painter(table: ClassTable) -> LivePainter:
-    """Return what draws the robots of a class table."""
+    """Return the renderer of a class table's robots."""
     return LivePainter(table, *PICTURE_SIZE)
 
 
 def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
-    """Return the compiled damage classes of `robot`, or `robot` itself where it is a class table.
+    """Return the compiled damage classes of `robot`, or `robot` itself if it is a class table.
 
     Raises
     ------
     ConfigError
-        If a compiled table comes with options that only compiling could apply.
+        If options for compiling are given with a compiled table.
     """
     if not isinstance(robot, str | Path | Robot | ClassTable):
         raise _core.ConfigError(
@@ -89,7 +89,7 @@ def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _
     Raises
     ------
     ConfigError, ShapeError
-        If an argument is out of range or names something that does not exist.
+        If an argument is out of range or something does not exist.
     """
     keys, seed, reward = fresh_keys(num_envs), options["seed"], options["reward"]
     if seed is not None:

@@ -1,4 +1,4 @@
-"""One damaged robot behind Gymnasium's single-environment interface."""
+"""One damaged robot with Gymnasium's interface ``Env``."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ NO_TIME_LIMIT = 2**31 - 1
 
 
 class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One robot whose damage class is drawn anew for every episode.
+    """One robot, whose damage class is drawn for every episode.
 
     Parameters
     ----------
     robot : str, Path, Robot or ClassTable
-        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or something already loaded or compiled.
+        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or a loaded or compiled robot.
     **options
-        See `EnvOptions`. Unlike in `DamageVectorEnv`, `max_episode_steps` left out means no time limit inside
-        the env, because ``gymnasium.make`` adds the robot's limit as its ``TimeLimit`` wrapper.
+        See `EnvOptions`. Unlike in `DamageVectorEnv`, the default of `max_episode_steps` is no limit, because
+        ``gymnasium.make`` adds the robot's limit with the wrapper ``TimeLimit``.
 
     Attributes
     ----------
     table : ClassTable
-        One compiled model per damage class.
+        One compiled model for each damage class.
     observation_space : gymnasium.spaces.Box
         Unbounded, float32 [O]: the robot's observation, then the damage code if it is observed.
     action_space : gymnasium.spaces.Box
@@ -43,7 +43,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
     Raises
     ------
     ConfigError
-        If an argument is out of range or names a robot, class or reward that does not exist.
+        If an argument is out of range or a robot, class or reward does not exist.
     ShapeError
         If the number of weights in `damage` is not that of the classes.
     ClassTableError
@@ -51,8 +51,8 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
     """
 
     _instead = (
-        "make one with the same arguments, in the process that uses it: vector envs of processes take "
-        "functions that make envs"
+        "create one with the same arguments in the process that uses it: vector envs of processes take "
+        "functions that create envs"
     )
 
     def __init__(self, robot: RobotLike = "ant", **options: Unpack[EnvOptions]) -> None:
@@ -71,10 +71,10 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         Parameters
         ----------
         seed : int, optional
-            Restarts the random stream; if left out it runs on.
+            Restarts the random stream; by default it continues.
         options : mapping, optional
             ``damage_class``: the class of this episode (id or spec string). ``onset``: the episode step
-            at which the damage strikes.
+            at which the damage becomes active.
 
         Returns
         -------
@@ -106,7 +106,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         Parameters
         ----------
         action : array of shape [A]
-            In [-1, 1]; values beyond are clipped, non-finite ones refused.
+            In [-1, 1]; other values are clipped, non-finite ones are errors.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         truncated : bool
             The time limit was reached; never without `max_episode_steps`.
         info : dict
-            ``damage_class`` (the class that acted in this step, 0 before the onset), ``damage_onset``
+            ``damage_class`` (the active damage in this step, 0 before the onset), ``damage_onset``
             (episode step), ``severity``, ``forward_velocity`` (m/s).
 
         Raises
@@ -126,7 +126,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         ShapeError
             If `action` has another shape.
         ConfigError
-            If `action` holds non-finite values or is not numeric.
+            If `action` contains non-finite values or is not numeric.
         ResetNeededError
             If the env was never reset.
         SimulationError
@@ -149,13 +149,13 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame of the robot, uint8[480, 480, 3], or None without a render mode.
 
-        The first frame starts a process that draws with the first OpenGL that works here, with a display or
-        without; ``MUJOCO_GL`` chooses one. The camera follows the main body, and damaged limbs are red.
+        The first frame starts a process with the first OpenGL implementation that works, with or without a
+        display; ``MUJOCO_GL`` selects one. The camera follows the main body, and damaged limbs are red.
 
         Raises
         ------
         RenderError
-            If no OpenGL works here; the message says what to install.
+            If no OpenGL implementation works; the message contains what to install.
         SimulationError
             If the env is closed.
         """
@@ -177,10 +177,10 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
     def set_state(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], *, at_rest: bool = False
     ) -> NDArray[np.float32]:
-        """Put the robot into the given state, keep its episode, and return the observation [O].
+        """Set the state of the robot, keep its episode, and return the observation [O].
 
-        A robot whose state is more than positions and velocities is refused, unless `at_rest` says that the
-        rest may begin as after a reset; see `DamageVectorEnv.set_state`.
+        If the state of the robot is more than positions and velocities, `at_rest` must be true, and the rest
+        is as after a reset; see `DamageVectorEnv.set_state`.
 
         Parameters
         ----------
@@ -189,15 +189,15 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         qvel : array of shape [nv]
             In m/s and rad/s.
         at_rest : bool
-            Whether everything else that the state may hold may begin as after a reset.
+            Whether the rest of the state, if there is any, may be as after a reset.
 
         Raises
         ------
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset, an array holds something else than finite numbers, or the state of the
-            robot is more than positions and velocities.
+            If the env was never reset, an array contains anything but finite numbers, or the state of the
+            robot is more than positions and velocities and `at_rest` is false.
         SimulationError
             If the env is closed.
         """
@@ -209,12 +209,12 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         return self._obs()
 
     def restore_state(self, state: SavedState) -> NDArray[np.float32]:
-        """Go back to a saved state and return its observation [O]; see `DamageVectorEnv.restore_state`."""
+        """Restore a saved state and return its observation [O]; see `DamageVectorEnv.restore_state`."""
         self._restore(state)
         return self._obs()
 
     def close(self) -> None:
-        """Free the native memory and the renderer; may be called again."""
+        """Free the native memory and the renderer; repeated calls do nothing."""
         if not self.closed:
             self.closed = True
             self._free()

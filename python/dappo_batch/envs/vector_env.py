@@ -1,4 +1,4 @@
-"""Many damaged robots behind Gymnasium's vector interface."""
+"""Many damaged robots with Gymnasium's interface ``VectorEnv``."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ Infos = dict[str, Any]
 class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """N independent episodes of one robot, each with its own damage class.
 
-    The envs live in native memory and are stepped by a pool of threads; results do not depend on the
-    number of threads, and env ``i`` behaves exactly like a `DamageEnv` reset with seed ``seed + i``.
-    A forked process goes on with its own copy and threads of its own. It cannot be pickled.
+    The envs are in native memory and are stepped by a pool of threads. Results do not depend on the number of
+    threads, and env ``i`` is bit-identical to a `DamageEnv` that was reset with seed ``seed + i``. A forked
+    process continues with its own copy and threads. It cannot be pickled.
 
     Parameters
     ----------
     robot : str, Path, Robot or ClassTable
-        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or something already loaded or compiled.
+        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or a loaded or compiled robot.
     num_envs : int
         Number of environments N.
     **options
@@ -47,7 +47,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
     Attributes
     ----------
     table : ClassTable
-        One compiled model per damage class.
+        One compiled model for each damage class.
     single_observation_space : gymnasium.spaces.Box
         Unbounded, float32 [O]: the robot's observation, then the damage code if it is observed.
     single_action_space : gymnasium.spaces.Box
@@ -62,7 +62,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
     Raises
     ------
     ConfigError
-        If an argument is out of range or names a robot, class or reward that does not exist.
+        If an argument is out of range or a robot, class or reward does not exist.
     ShapeError
         If the number of seeds is not N, or that of the weights in `damage` not D.
     ClassTableError
@@ -70,8 +70,8 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
     """
 
     _instead = (
-        "make one with the same arguments in the process that uses it, and carry the robots over with "
-        "get_state and set_state"
+        "create one with the same arguments in the process that uses it, and copy the states with get_state "
+        "and set_state"
     )
 
     def __init__(
@@ -91,7 +91,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._action_shape = (self.num_envs, self._core.action_dim)
         self._all_envs = np.ones(self.num_envs, dtype=np.bool_)
-        self._all_envs.flags.writeable = False  # handed out as an info mask when copy=False
+        self._all_envs.flags.writeable = False  # returned as an info mask when copy=False
         self._severity = np.full(self.num_envs, self.table.severity)
         self._severity.flags.writeable = False
 
@@ -107,12 +107,12 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
 
     @property
     def device(self) -> str:
-        """Where the physics is computed, ``"cpu"``, ``"cuda"`` or ``"warp-cpu"``."""
+        """Device of the physics, ``"cpu"``, ``"cuda"`` or ``"warp-cpu"``."""
         return self._core.device
 
     @property
     def backend_note(self) -> str:
-        """Why the backend is not ``"lanes"``; empty if it is, or if ``"mujoco"`` was asked for."""
+        """Why ``"auto"`` is not ``"lanes"``; empty if it is, or if a backend was chosen."""
         return self._core.backend_note
 
     @property
@@ -122,11 +122,11 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
 
     @property
     def diverged(self) -> int:
-        """How often the physics of an env has diverged since this object was made.
+        """Number of divergences of the physics of an env since this object was created.
 
-        Then a number of its state is not finite, or position, velocity or acceleration have an entry beyond
-        1e10, MuJoCo's own bound. The step is ``terminated`` with reward and forward velocity 0, and its
-        observation shows the robot at rest in the reference pose of its damage class.
+        A state has diverged if a number is not finite, or if a position, velocity or acceleration is larger
+        than 1e10, MuJoCo's limit. The step is ``terminated`` with reward and forward velocity 0, and its
+        observation is that of the robot at rest in the reference pose of its damage class.
         """
         return self._core.diverged
 
@@ -139,16 +139,16 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         ----------
         seed : int or sequence of int or None, optional
             An integer restarts the random stream of env ``i`` with ``seed + i``; a sequence has one
-            seed per env, ``None`` in it keeps that env's stream. If left out all streams run on.
+            seed for each env, and ``None`` keeps the stream of that env. By default all streams continue.
         options : mapping, optional
             ``reset_mask``: booleans [N]. ``damage_class``: one class (id or spec string) or one per env.
-            ``onset``: the episode step at which the damage strikes, one or one per env. In a value per
-            env, ``None`` and -1 leave the choice to the env's own distribution.
+            ``onset``: the episode step at which the damage becomes active, one or one per env. With one
+            value per env, those that are ``None`` or -1 are drawn by the env.
 
         Returns
         -------
         obs : array of shape [N, O]
-            Rows of envs that were not reset are unchanged.
+            Observations; rows of envs that were not reset are unchanged.
         infos : dict
             As described at `step`, for the envs that were reset.
 
@@ -179,7 +179,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
                     onsets=chosen.onsets,
                 )
         if isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))  # keeps Gymnasium's np_random in step with the seed
+            super().reset(seed=int(seed))  # seeds Gymnasium's np_random
         self._was_reset = True
         self._ended &= ~mask
         return self._give(self._core.obs), self._infos(mask)
@@ -192,19 +192,19 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         Parameters
         ----------
         actions : array of shape [N, A]
-            In [-1, 1]; values beyond are clipped, non-finite ones refused.
+            In [-1, 1]; other values are clipped, non-finite ones are errors.
 
         Returns
         -------
         obs : array of shape [N, O]
-            In mode ``same_step``, the first observation of the new episode where one ended.
+            Observations; in mode ``same_step``, where an episode ended, the first one of the next episode.
         rewards : array of shape [N]
         terminated : array of shape [N]
             The robot fell, or its physics diverged (see `diverged`).
         truncated : array of shape [N]
             The time limit was reached.
         infos : dict
-            ``damage_class`` (the class that acted in this step, 0 before the onset), ``damage_onset``
+            ``damage_class`` (the active damage in this step, 0 before the onset), ``damage_onset``
             (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of
             shape [N] with its mask ``_key``. In mode ``same_step``, where an episode ended:
             ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the same keys at the
@@ -215,7 +215,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         ShapeError
             If `actions` has another shape.
         ConfigError
-            If `actions` holds non-finite values or is not numeric.
+            If `actions` contains non-finite values or is not numeric.
         ResetNeededError
             If the env was never reset, or in mode ``disabled`` an ended episode was not reset.
         SimulationError
@@ -267,15 +267,15 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
     def set_state(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64], *, at_rest: bool = False
     ) -> NDArray[np.float32]:
-        """Put every env into the given state and keep its episode.
+        """Set the state of every env and keep its episode.
 
-        As after a reset no contact force is carried over; the damage class and the step of the episode stay.
-        With `precision` ``"f32"`` the state is rounded.
+        Contact forces are cleared as in a reset; the damage class and the step of the episode are kept. With
+        `precision` ``"f32"`` the state is rounded.
 
-        The state of some robots is more than positions and velocities: filtered actuators, delayed signals,
-        plugins, and the start of a solver that stops after a few iterations. They move on otherwise than
-        they did when the two were read, so they are refused, unless `at_rest` says that the rest may begin
-        as after a reset. `save_state` and `restore_state` keep all of it.
+        Some robots have more state than positions and velocities: filtered actuators, delayed signals,
+        plugins, and the warm start of a solver with few iterations. For these robots `at_rest` must be true,
+        and the rest of the state is as after a reset. `save_state` and `restore_state` keep the complete
+        state.
 
         Parameters
         ----------
@@ -284,7 +284,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         qvel : array of shape [N, nv]
             In m/s and rad/s.
         at_rest : bool
-            Whether everything else that the state may hold may begin as after a reset.
+            Whether the rest of the state, if there is any, may be as after a reset.
 
         Returns
         -------
@@ -295,8 +295,8 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         ShapeError
             If an array has another shape.
         ConfigError
-            If the env was never reset, an array holds something else than finite numbers, or the state of the
-            robot is more than positions and velocities.
+            If the env was never reset, an array contains anything but finite numbers, or the state of the
+            robot is more than positions and velocities and `at_rest` is false.
         SimulationError
             If the env is closed.
         """
@@ -307,17 +307,17 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         return self._give(self._core.obs)
 
     def restore_state(self, state: SavedState) -> NDArray[np.float32]:
-        """Go back to a state that an env of the same robot, backend, precision and number of envs has saved.
+        """Restore a state that was saved by an env of the same robot, backend, precision and number of envs.
 
         Returns
         -------
         obs : array of shape [N, O]
-            The observations of that time.
+            Observations of the saved state.
 
         Raises
         ------
         ConfigError
-            If it is no such state, or one of an env that was never reset.
+            If `state` is not a saved state, or was saved before the first reset.
         CheckpointError
             If it does not fit this env.
         SimulationError
@@ -334,7 +334,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         Raises
         ------
         RenderError
-            If no OpenGL works here; the message says what to install.
+            If no OpenGL implementation works; the message contains what to install.
         SimulationError
             If the env is closed.
         """

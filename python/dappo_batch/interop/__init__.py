@@ -1,7 +1,7 @@
-"""Adaptors to programs that have a vector env of their own.
+"""Adaptors to libraries with their own vector env interface.
 
-One module for each program, imported by name: the programs are not dependencies of this package, and
-importing it imports none of them. Programs without a module here take Gymnasium's envs as they are.
+There is one module for each library, which is imported explicitly: the libraries are not dependencies of this
+package. Libraries without a module here use Gymnasium's envs directly.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["check_envs"]
 
 
 def check_envs(envs: DamageVectorEnv, mode: AutoresetMode) -> None:
-    """Check that `envs` begin episodes as an adaptor needs it, and return arrays that stay as they are.
+    """Check that `envs` have the autoreset mode of an adaptor and return copies.
 
     Raises
     ------
@@ -28,4 +28,4 @@ def check_envs(envs: DamageVectorEnv, mode: AutoresetMode) -> None:
             f"got {envs.autoreset_mode.name.lower()!r}"
         )
     if not envs.copy:
-        raise ConfigError("this adaptor needs envs with copy=True, because its program keeps observations")
+        raise ConfigError("this adaptor needs envs with copy=True, because the library keeps observations")

@@ -1,4 +1,4 @@
-"""rsl_rl: the vector env as the one that its runners drive."""
+"""rsl_rl: the vector env as its ``VecEnv``."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ __all__ = ["RslRlVecEnv"]
 class RslRlVecEnv(VecEnv):
     """A `DamageVectorEnv` as a ``VecEnv`` of rsl_rl 5.
 
-    Observations come in the groups ``"robot"`` and, where the envs observe it, ``"damage_code"``. The setting
-    ``obs_groups`` of the runner says who sees what: the damage is hidden from the policy alone by
+    Observations have the groups ``"robot"`` and, if the envs observe damage, ``"damage_code"``. The setting
+    ``obs_groups`` of the runner assigns them to networks; the damage code is hidden only from the policy by
     ``{"actor": ["robot"], "critic": ["robot", "damage_code"]}``.
 
     Parameters
     ----------
     envs : DamageVectorEnv
-        Made with ``autoreset="disabled"``, because episodes also end where a runner says so: by
-        ``init_at_random_ep_len`` it lets the first ones begin late.
+        Created with ``autoreset="disabled"``, because the runner also ends episodes:
+        ``init_at_random_ep_len`` shortens the first ones.
     device : str
-        Where the tensors are.
+        Device of the tensors.
 
     Attributes
     ----------
     envs : DamageVectorEnv
         The same object.
     episode_length_buf : torch.Tensor
-        Steps of every running episode, int64 [N].
+        Steps of the running episodes, int64 [N].
 
     Raises
     ------
@@ -59,11 +59,11 @@ class RslRlVecEnv(VecEnv):
         self._obs = self._grouped(obs)
 
     def get_observations(self) -> TensorDict:
-        """Return the current observations, a group a key, each float32 [N, …]."""
+        """Return the current observations by group, each float32 [N, …]."""
         return self._obs
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
-        """Advance every env by one step and begin the next episode where one ended.
+        """Advance every env by one step, and reset the envs whose episodes ended.
 
         Parameters
         ----------
@@ -73,13 +73,13 @@ class RslRlVecEnv(VecEnv):
         Returns
         -------
         obs : TensorDict
-            Where an episode ended, the first observation of the next.
+            Observations; where an episode ended, the first one of the next episode.
         rewards : torch.Tensor
             float32 [N].
         dones : torch.Tensor
             Terminated or truncated, bool [N].
         extras : dict
-            ``time_outs``: the time limit alone ended the episode, bool [N].
+            ``time_outs``: truncated and not terminated, bool [N].
         """
         obs, rewards, terminated, truncated, _ = self.envs.step(actions.cpu().numpy())
         self.episode_length_buf += 1

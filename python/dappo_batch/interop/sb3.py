@@ -1,4 +1,4 @@
-"""Stable-Baselines3: the vector env as one of its own."""
+"""Stable-Baselines3: the vector env as its ``VecEnv``."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Row = dict[str, Any]
 class Sb3VecEnv(VecEnv):
     """A `DamageVectorEnv` as a ``VecEnv`` of Stable-Baselines3.
 
-    It returns what ``DummyVecEnv`` returns of N single envs. ``VecMonitor`` and ``VecNormalize`` go around it
-    as around any other.
+    It returns the same as ``DummyVecEnv`` with N single envs. ``VecMonitor`` and ``VecNormalize`` can wrap
+    it.
 
     Parameters
     ----------
     envs : DamageVectorEnv
-        Made with ``autoreset="same_step"``.
+        Created with ``autoreset="same_step"``.
 
     Attributes
     ----------
@@ -48,12 +48,12 @@ class Sb3VecEnv(VecEnv):
         self.metadata = envs.metadata
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin a new episode in every env, with what `seed` and `set_options` have left for it.
+        """Begin a new episode in every env, with the seeds and options of `seed` and `set_options`.
 
         Returns
         -------
         obs : array of shape [N, O]
-            What belongs to it is in `reset_infos`, one dict for each env.
+            First observations; the infos are in `reset_infos`, one dict for each env.
         """
         keys = sorted(set().union(*self._options))
         options = {key: [chosen.get(key) for chosen in self._options] for key in keys}
@@ -64,7 +64,7 @@ class Sb3VecEnv(VecEnv):
         return obs
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Keep the actions, shape [N, A], for `step_wait`."""
+        """Store the actions, shape [N, A], for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[Row]]:
@@ -73,13 +73,13 @@ class Sb3VecEnv(VecEnv):
         Returns
         -------
         obs : array of shape [N, O]
-            Where an episode ended, the first observation of the next.
+            Observations; where an episode ended, the first one of the next episode.
         rewards : array of shape [N]
         dones : array of shape [N]
             Terminated or truncated.
         infos : list of N dicts
-            The infos of `DamageVectorEnv.step`, ``TimeLimit.truncated`` (the time limit alone ended the
-            episode), and where an episode ended ``terminal_observation``, shape [O].
+            The infos of `DamageVectorEnv.step`, ``TimeLimit.truncated`` (truncated and not
+            terminated), and where an episode ended ``terminal_observation``, shape [O].
         """
         obs, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         dones = terminated | truncated
@@ -99,11 +99,11 @@ class Sb3VecEnv(VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return the attribute of the vector env, which all of its envs share, once for each of `indices`."""
+        """Return the attribute of the vector env, which all envs share, once for each of `indices`."""
         return [getattr(self.envs, attr_name)] * len(self._get_indices(indices))
 
     def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
-        """Refuse: the envs have no attributes of their own.
+        """Raise, as the envs have no separate attributes.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class Sb3VecEnv(VecEnv):
         Raises
         ------
         ConfigError
-            If another method is asked for: those of the vector env act on all envs at once.
+            If another method is called: those of the vector env act on all envs.
         """
         if method_name != "get_state":
             raise ConfigError(
@@ -131,7 +131,7 @@ class Sb3VecEnv(VecEnv):
         return [(qpos[index], qvel[index]) for index in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Return False for each of `indices`: there are no single envs that could be wrapped."""
+        """Return False for each of `indices`, as there are no single envs to wrap."""
         return [False] * len(self._get_indices(indices))
 
 

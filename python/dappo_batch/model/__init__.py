@@ -1,4 +1,4 @@
-"""From a robot to what simulates it: one compiled MuJoCo model per damage class."""
+"""The models of a robot: one compiled MuJoCo model for each damage class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The class table: one compiled MuJoCo model per damage class of a robot."""
+"""The class table: one compiled MuJoCo model for each damage class of a robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
 from dappo_batch.model.requirements import find_parts
 from dappo_batch.robots import Robot, load_robot
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ Physics: TypeAlias = Literal["rk4", "euler"]
 _INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
 
 _MOST_MEMORY = 4 << 30
-"""Of all compiled models, bytes."""
+"""Limit of all compiled models, bytes."""
 
-# Sizes of texts: damage may rename things, and neither states nor the simulation depend on it.
+# Sizes of texts may differ: damage may change names, on which the simulation does not depend.
 _TEXT_SIZES = {"nnames", "nnames_map", "npaths", "ntextdata", "nbuffer"}
 
 
@@ -44,9 +44,9 @@ class ClassTableError(DappoError):
 
 @dataclass(frozen=True, eq=False)
 class ClassTable:
-    """A robot with one compiled model per damage class.
+    """A robot with one compiled model for each damage class.
 
-    All models have equal sizes, so a state or an ``mujoco.MjData`` of one class fits every other.
+    All models have equal sizes, so a state or an ``mujoco.MjData`` can be used with every class.
 
     Attributes
     ----------
@@ -59,13 +59,13 @@ class ClassTable:
     models : tuple of mujoco.MjModel
         One model per class, [D].
     muted_touch : tuple of tuple of int
-        Per class, the limbs whose touch signal reads 0.
+        Per class, the limbs whose touch sensor is disabled: it reads 0.
     limb_bodies : tuple of tuple of int
         Per limb, the ids of its bodies.
     touch_addresses : tuple of int
         Per limb, the index of its touch signal in ``sensordata``; empty if the robot has no touch sensors.
     main_body : int
-        Id of the body whose x position gives the forward velocity.
+        Id of the body whose x position defines the forward velocity.
     """
 
     robot: Robot
@@ -79,13 +79,13 @@ class ClassTable:
 
     @property
     def hidden_state(self) -> str:
-        """What the state of the robot holds besides positions and velocities; empty if that is all."""
+        """Parts of the robot's state besides positions and velocities; empty if there are none."""
         return hidden_state(self.models[0])
 
     def worker_data(self, count: int) -> list[mujoco.MjData]:
-        """Return `count` new ``mujoco.MjData``, each of which fits every class.
+        """Return `count` new ``mujoco.MjData``, each valid for every class.
 
-        A worker thread needs one of its own; an env needs none, only a state.
+        Each worker thread needs one; envs need only states.
         """
         return [mujoco.MjData(self.models[0]) for _ in range(count)]
 
@@ -99,11 +99,10 @@ def compile_class_table(
     physics: Physics | None = None,
     damage_options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> ClassTable:
-    """Compile one model per damage class of a robot.
+    """Compile one model for each damage class of a robot.
 
-    Every class is an edit of the MJCF that goes through MuJoCo's compiler, so that masses, inertias and all
-    other derived numbers belong together. Floor contacts are written down as explicit pairs where that
-    changes nothing but the speed.
+    Every class is an edit of the MJCF that is compiled by MuJoCo, so that masses, inertias and all other
+    derived numbers are consistent. Floor contacts become explicit pairs where that changes only the speed.
 
     Parameters
     ----------
@@ -112,12 +111,12 @@ def compile_class_table(
     types : sequence of str, optional
         Names of damage types, in the order of enumeration; by default those of the robot TOML.
     max_damaged_limbs : int, optional
-        Largest number of limbs damaged at once; by default that of the robot TOML.
+        Maximum number of damaged limbs; by default that of the robot TOML.
     severity : float, optional
-        In (0, 1]; 1 is the full damage of the robot TOML.
+        In (0, 1]; 1, the default, is the full damage.
     physics : {"rk4", "euler"}, optional
-        Integrator to use instead of the MJCF's. For the Ant, ``"euler"`` takes a quarter of the time of its
-        own RK4, but it is another physics: results of the two cannot be compared.
+        Integrator; by default that of the MJCF. For the Ant, ``"euler"`` takes a quarter of the time of RK4,
+        but the physics differs, so that results cannot be compared.
     damage_options : mapping, optional
         Parameters by damage type; they take precedence over those of the robot TOML.
 
@@ -129,10 +128,10 @@ def compile_class_table(
     Raises
     ------
     ConfigError
-        If the robot or a parameter is wrong, or the MJCF has not all that a robot needs; the error lists
-        what.
+        If the robot or a parameter is invalid, or the MJCF does not meet the requirements; the error lists
+        all faults.
     ClassTableError
-        If a class does not compile, or its arrays have other sizes than those of the healthy robot.
+        If a class does not compile, or its arrays have different sizes from those of the healthy robot.
     """
     if not isinstance(robot, Robot):
         robot = load_robot(folder(robot, "robot") if isinstance(robot, PathLike) else text(robot, "robot"))
@@ -156,7 +155,7 @@ def compile_class_table(
         healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
         _check_memory(robot, healthy, len(space.classes))
         parts = find_parts(robot, healthy)
-        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
+        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
         damaged = (_compile_class(base, robot, item, kinds, severity) for item in space.classes[1:])
         models = (healthy, *damaged)
     sizes = _sizes(healthy)
@@ -177,14 +176,14 @@ def compile_class_table(
 
 
 def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
-    """Check that a robot's MJCF has what its TOML says, and that each limb can break in each way.
+    """Check that a robot's MJCF matches its TOML, and that every damage type can be applied to every limb.
 
-    It takes the time of compiling two or three classes, however many there are.
+    It takes the time of compiling two or three classes, however many classes the robot has.
 
     Raises
     ------
     ConfigError
-        If it has not, with all that is wrong.
+        With all faults.
     """
     names = list(robot.damage_types if types is None else types)
     kinds = _damage_types(robot, names, {})
@@ -192,13 +191,13 @@ def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
         base = _read_mjcf(robot, None)
         healthy = DamageSpace(len(robot.limbs), names, 0).classes[0]
         find_parts(robot, _compile_class(base, robot, healthy, kinds, 1.0))
-        refuse(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
+        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
 
 
 def _unfit_limbs(
     base: mujoco.MjSpec, robot: Robot, kinds: Mapping[str, DamageType], severity: float
 ) -> list[str]:
-    """Return why limbs cannot break in the ways that are asked for."""
+    """Return the reasons why damage types cannot be applied to limbs."""
     faults = []
     for kind in kinds.values():
         for limb in robot.limbs:
@@ -214,9 +213,8 @@ def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int) -> None:
     if size > _MOST_MEMORY:
         raise ConfigError(
             f"robot {robot.name}: {classes} damage classes of {model.nbuffer} bytes each need"
-            f" {size / 2**30:.1f} GiB, at most {_MOST_MEMORY / 2**30:.0f} are taken; lower"
-            " max_damaged_limbs or name"
-            " fewer types"
+            f" {size / 2**30:.1f} GiB, the limit is {_MOST_MEMORY / 2**30:.0f}; lower"
+            " max_damaged_limbs or use fewer types"
         )
 
 
@@ -227,7 +225,7 @@ def _damage_types(
         raise ConfigError(f"damage types must differ, got {', '.join(names)}")
     if unused := options.keys() - set(names):
         raise ConfigError(
-            f"damage_options names {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
+            f"damage_options has {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
         )
     kinds, faults = {}, []
     for name in names:
@@ -235,15 +233,15 @@ def _damage_types(
             kinds[name] = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
         except ConfigError as error:
             faults.append(str(error))
-    refuse(f"robot {robot.name}", faults)
+    raise_faults(f"robot {robot.name}", faults)
     return kinds
 
 
 def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
-    refuse(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
+    raise_faults(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
     try:
         spec = read_mjcf(robot.mjcf_path)
-        spec.compiler.usethread = False  # the threads of a command or env are those that its user chose
+        spec.compiler.usethread = False  # the user chooses the number of threads
     except MUJOCO_ERRORS as error:
         raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
     if physics is not None:
@@ -264,7 +262,7 @@ def _compile_class(
     for limb, name in damage_class.damages:
         kinds[name].apply(spec, robot.limbs[limb], severity)
     try:
-        # After the damage, not once for all classes: damage may change what contacts are mixed from.
+        # After the damage and not once for all classes, as damage may change contact parameters.
         make_floor_contacts_explicit(spec)
         return spec.compile()
     except MUJOCO_ERRORS as error:

@@ -1,7 +1,7 @@
-"""Explicit floor contacts: the same physics as the MJCF's own contacts, found with less work.
+"""Explicit floor contacts: the same physics as the contacts of the MJCF, with faster collision detection.
 
-A robot that can touch nothing but the world needs no broad phase. Its contacts are written down as pairs of
-geoms instead, together with the parameters which MuJoCo would mix for them.
+A robot that can only be in contact with the world needs no broad phase. Its contacts become explicit pairs of
+geoms, with the parameters that MuJoCo would mix.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["make_floor_contacts_explicit"]
 
 
 class _ContactParameters(NamedTuple):
-    """Parameters of one geom that take part in mixing."""
+    """Contact parameters of a geom."""
 
     condim: int
     priority: int
@@ -31,7 +31,7 @@ class _ContactParameters(NamedTuple):
 
 
 class _Mixed(NamedTuple):
-    """Parameters of the contact of two geoms."""
+    """Mixed parameters of a contact of two geoms."""
 
     condim: int
     margin: float
@@ -41,15 +41,14 @@ class _Mixed(NamedTuple):
 
 
 def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
-    """Replace contacts found by geometry by explicit pairs, where that changes nothing but the speed.
+    """Replace dynamic contacts by explicit pairs, if that changes only the speed.
 
-    It is done only if every possible contact is one between the world and the robot. A robot whose contact
-    masks allow it to touch itself keeps its contacts, and so does one whose MJCF already lists pairs,
-    excludes a contact that would otherwise be possible, or uses a feature of contacts that pairs cannot
-    express.
+    This requires that all possible contacts are between the world and the robot. A robot keeps its contacts
+    if its contact masks allow self-collisions, or if its MJCF already has pairs, excludes a contact that
+    would otherwise be possible, or uses a feature of contacts that pairs cannot express.
 
-    With a single kinematic tree, MuJoCo's search for constraint islands can find only one island or none, so
-    it is switched off too.
+    With a single kinematic tree there is at most one constraint island, so the search for islands is disabled
+    too.
 
     Parameters
     ----------
@@ -102,14 +101,14 @@ def _is_static(body: mujoco.MjsBody) -> bool:
 
 
 def _is_root(body: mujoco.MjsBody) -> bool:
-    """Return whether a body can move and none above it can: each such body begins a kinematic tree."""
+    """Return whether a body is the root of a kinematic tree: it can move and no body above it can."""
     return not _is_static(body) and _is_static(body.parent)
 
 
 def _is_special(geom: mujoco.MjsGeom) -> bool:
     """Return whether a geom has a contact parameter that this module does not mix."""
     is_odd = any(np.any(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
-    # The ball that shows how parameters are mixed would not touch its plane.
+    # In `_mix` the ball would not be in contact with the plane.
     return is_odd or not geom.margin >= 0
 
 
@@ -121,14 +120,14 @@ def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:
     """Return whether an exclusion forbids a contact that the masks of floor and robot allow."""
     one, other = spec.body(exclude.bodyname1), spec.body(exclude.bodyname2)
     if one is None or other is None:
-        return True  # the compiler says which body is missing
+        return True  # the compiler reports the missing body
     if _is_static(one) == _is_static(other):
         return False
     return any(_masks_match(a, b) for a in one.geoms for b in other.geoms)
 
 
 def _touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:
-    # Masks are numbers, so a set of them is small however many geoms there are.
+    # There are few different masks, however many geoms there are.
     masks = {(geom.contype, geom.conaffinity) for geom in geoms}
     return any(a[0] & b[1] for a in masks for b in masks)
 
@@ -147,10 +146,10 @@ def _parameters(geom: mujoco.MjsGeom) -> _ContactParameters:
 
 @lru_cache(maxsize=256)
 def _mix(a: _ContactParameters, b: _ContactParameters) -> _Mixed:
-    """Return what MuJoCo makes of two geoms' parameters, by letting them touch.
+    """Return the contact parameters that MuJoCo mixes from those of two geoms, from a simulated contact.
 
-    The rules (priority, weights, sums, maxima) belong to MuJoCo and may change. A ball that lies in a plane
-    shows those of the version at hand.
+    The rules (priority, weights, sums, maxima) may change between versions of MuJoCo. The contact of a ball
+    and a plane has those of the installed version.
     """
     spec = mujoco.MjSpec()
     spec.compiler.usethread = False

@@ -1,4 +1,4 @@
-"""Where libmujoco lies, and what Rust must know about the installed version."""
+"""The path of libmujoco, and properties of the installed version for Rust."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MUJOCO_ERRORS: tuple[type[Exception], ...] = (
     TypeError,
     ValueError,
 )
-"""What MuJoCo raises when it reads or compiles a model that it cannot use."""
+"""Exceptions of MuJoCo when it reads or compiles an invalid model."""
 
 
 _hook = threading.Lock()
@@ -37,10 +37,10 @@ _before: Callable[[str], Any] | None = None
 def quiet_mujoco() -> Iterator[None]:
     """Keep MuJoCo from writing warnings to the terminal and to ``MUJOCO_LOG.TXT`` in the working directory.
 
-    Whoever compiles a model this way checks what the warnings are about.
+    The causes of the warnings are checked separately.
     """
     global _before, _quiet
-    # The hook is one of the process: the first that asks for quiet sets it, the last gives it back.
+    # The hook is global: the first context sets it, the last one restores it.
     with _hook:
         if _quiet == 0:
             _before = mujoco.get_mju_user_warning()
@@ -55,16 +55,16 @@ def quiet_mujoco() -> Iterator[None]:
                 mujoco.set_mju_user_warning(_before)
 
 
-# A solver that may iterate less often than this stops before its solution, which then depends on where it
-# began. At 4 iterations of Newton's method the Ant is off by 0.004 rad/s after an env step, at 6 by rounding.
+# With fewer iterations a solver does not converge, and its result depends on its start. With 4 iterations of
+# Newton's method the error of the Ant after an env step is 0.004 rad/s, with 6 it is rounding.
 _ENOUGH_ITERATIONS = {mujoco.mjtSolver.mjSOL_NEWTON: 10}
 _ENOUGH_ITERATIONS_OF_OTHERS = 100
 _ENOUGH_LINE_SEARCH = 10
 
 
 def hidden_state(model: mujoco.MjModel) -> str:
-    """Return what a model's state holds besides positions and velocities; empty if that is all."""
-    # Versions of MuJoCo that lack one of the sizes lack the feature too.
+    """Return the parts of a model's state besides positions and velocities; empty if there are none."""
+    # Versions of MuJoCo without one of the sizes do not have the feature.
     sizes = {
         "na": "activations of actuators",
         "nhistory": "numbers of delayed signals",
@@ -80,7 +80,7 @@ def hidden_state(model: mujoco.MjModel) -> str:
         got = ", ".join(
             f"{name} = {getattr(model.opt, name)} instead of at least {limits[name]}" for name in early
         )
-        found.append(f"where a solver that stops early begins ({got})")
+        found.append(f"the start of a solver that does not converge ({got})")
     return ", ".join(found)
 
 
@@ -90,7 +90,7 @@ def library_path() -> Path:
     Raises
     ------
     SimulationError
-        If the package holds no such library.
+        If the package contains no such library.
     """
     folder = Path(mujoco.__file__).parent
     for pattern in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll"):
@@ -101,10 +101,10 @@ def library_path() -> Path:
 
 
 def state_spec() -> int:
-    """Return the ``mjtState`` bits of everything that the next physics step depends on.
+    """Return the ``mjtState`` bits of the state on which the next physics step depends.
 
     The bits differ between MuJoCo versions, so they are read from the installed one: time, positions,
-    velocities, activations, delayed signals, what plugins keep, and the solver's warm start.
+    velocities, activations, delayed signals, plugin states, and the solver's warm start.
     """
     return int(mujoco.mjtState.mjSTATE_FULLPHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART)
 
@@ -112,8 +112,8 @@ def state_spec() -> int:
 def divergence_counters(data: mujoco.MjData) -> list[int]:
     """Return the addresses of the counters of diverged positions, velocities and accelerations.
 
-    ``mj_step`` resets the data of a robot whose numbers are not finite or too large, and goes on as if
-    nothing had happened. These counters of warnings (C ``int``) are the only trace that it leaves.
+    ``mj_step`` resets the data of a robot whose numbers are not finite or too large, and continues. Only
+    these counters of warnings (C ``int``) show it.
     """
     warnings = mujoco.mjtWarning
     found = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)

@@ -1,4 +1,4 @@
-"""What a compiled robot must have, whatever simulates it.
+"""Requirements of a compiled robot for every backend.
 
 The list is that of the guide: `docs/guides/robots-and-damage.md`, *A robot of your own*.
 """
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 
 if TYPE_CHECKING:
     from dappo_batch.robots import Limb, Robot
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 __all__ = ["Parts", "find_parts"]
 
 _LONGEST_STEP = 10.0
-"""Of an env step, s."""
+"""Maximum duration of an env step, s."""
 _LARGEST = float(np.finfo(np.float32).max)
-"""A greater number is infinite in single precision."""
+"""The largest number in single precision."""
 
-# Arrays of a model that its physics is made of. Bounding boxes of planes are large on purpose.
+# Arrays of a model that the physics depends on. Bounding boxes of planes are large on purpose.
 _PHYSICAL = (
     "qpos",
     "body_",
@@ -56,23 +56,23 @@ _DIVERGED = (
 
 @dataclass(frozen=True)
 class Parts:
-    """Where the parts that a robot TOML names are in the compiled model."""
+    """Indices in the compiled model of the parts in a robot TOML."""
 
     limb_bodies: tuple[tuple[int, ...], ...]
     """Per limb, the ids of its bodies."""
     touch_addresses: tuple[int, ...]
     """Per limb, the index of its touch signal in ``sensordata``; empty if the robot has no touch sensors."""
     main_body: int
-    """Id of the body whose x position gives the forward velocity."""
+    """Id of the body whose x position defines the forward velocity."""
 
 
 def find_parts(robot: Robot, model: mujoco.MjModel) -> Parts:
-    """Find the parts of a robot in its healthy model, and check that it has everything that is required.
+    """Find the parts of a robot in its healthy model, and check the requirements.
 
     Raises
     ------
     ConfigError
-        If something is missing or unfit, with all of it.
+        If a requirement is not met, with all faults.
     """
     search = _Search(robot, model)
     limb_bodies = search.limb_bodies()
@@ -83,7 +83,7 @@ def find_parts(robot: Robot, model: mujoco.MjModel) -> Parts:
     search.check_numbers()
     if not search.faults:
         search.check_start()
-    refuse(f"robot {robot.name}", search.faults)
+    raise_faults(f"robot {robot.name}", search.faults)
     return Parts(
         limb_bodies=tuple(map(tuple, limb_bodies)),
         touch_addresses=tuple(touch_addresses),
@@ -92,7 +92,7 @@ def find_parts(robot: Robot, model: mujoco.MjModel) -> Parts:
 
 
 class _Search:
-    """Looks for parts, and collects what is wrong."""
+    """Finds parts, and collects faults."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         self.robot = robot
@@ -163,7 +163,7 @@ class _Search:
         return addresses
 
     def check_root(self, main_body: int, limb_bodies: list[list[int]]) -> None:
-        """Check the free joint, what hangs on it, and that something moves the robot."""
+        """Check the free joint, the bodies below it, and the actuators."""
         model = self.model
         if model.nu == 0:
             self.faults.append("it has no actuators, so no action can move it; add an <actuator> to the MJCF")
@@ -189,7 +189,7 @@ class _Search:
                 )
 
     def check_camera(self) -> None:
-        """Check the camera of pictures, which nothing needs before the first picture is drawn."""
+        """Check the camera, which is not used before the first picture."""
         name = self.robot.spec.get("pictures", {}).get("camera")
         if name is None or mujoco.mj_name2id(self.model, _CAMERA, name) >= 0:
             return
@@ -203,7 +203,7 @@ class _Search:
         )
 
     def check_numbers(self) -> None:
-        """Check that no number of the model is absurd, and how long an env step is."""
+        """Check that the numbers of the model are finite, and the duration of an env step."""
         model = self.model
         timestep, frame_skip = float(model.opt.timestep), int(self.robot.spec["frame_skip"])
         if not 0.0 < timestep * frame_skip <= _LONGEST_STEP:
@@ -228,7 +228,7 @@ class _Search:
     def _check_array(self, name: str, values: np.ndarray) -> None:
         if values.dtype.kind != "f":
             return
-        # A range may be open to one side, with any number that stands for infinity.
+        # A range may have an infinite end.
         is_range = name.endswith("range")
         bad = np.isnan(values) if is_range else ~(np.abs(values) <= _LARGEST)
         if bad.any():
@@ -240,7 +240,7 @@ class _Search:
             )
 
     def check_start(self) -> None:
-        """Check the pose in which episodes begin, and that the robot can stay there for an env step."""
+        """Check the initial pose of episodes, and that the physics of the first env step does not diverge."""
         model, spec = self.model, self.robot.spec
         (low, high), noise = spec["termination"]["height"], spec["reset"]["qpos_noise"]
         height = float(model.qpos0[2])
@@ -265,7 +265,7 @@ class _Search:
 def _subtree(model: mujoco.MjModel, root: int) -> list[int]:
     """Return a body and all bodies below it."""
     inside = {root}
-    # A body's parent has a smaller id, so one pass in the order of ids meets parents first.
+    # Parents have smaller ids, so one pass in the order of ids is enough.
     for body in range(root + 1, model.nbody):
         if int(model.body_parentid[body]) in inside:
             inside.add(body)

@@ -1,8 +1,8 @@
-"""How the installed MuJoCo turns a body in a step of RK4.
+"""The integration of rotations in RK4 of the installed MuJoCo.
 
 Angular velocities at different orientations cannot simply be added. MuJoCo 4.0 corrects those of RK4's stages
-(Runge-Kutta-Munthe-Kaas), older versions do not. The lane engine must do as the installed version does, and a
-spinning body shows it.
+(Runge-Kutta-Munthe-Kaas), older versions do not. The lane engine must match the installed version, which a
+test with a spinning body determines.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def rotation_correction() -> bool | None:
     Returns
     -------
     bool or None
-        None if the body turns in a way that neither rule explains.
+        None if the result agrees with neither rule.
     """
     found = _step_of_mujoco()
     for corrected in (True, False):
@@ -57,7 +57,7 @@ def _step_of_mujoco() -> Vector:
 
 
 def _step(corrected: bool) -> Vector:
-    """Return the same by Euler's equations, with or without the correction."""
+    """Return the same from Euler's equations, with or without the correction."""
     spin, rate, total = _SPIN, _SPIN, _SPIN / 6
     for share, weight in ((0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6)):
         turned = share * _TIMESTEP * rate

@@ -1,4 +1,4 @@
-"""A page on which a walk is shown, for machines without a screen; needs the extra ``viewer``."""
+"""A web page that shows an episode, for machines without a screen; needs the extra ``viewer``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dappo_batch.render.camera import AUTO, View, check_camera
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
-from dappo_batch.render.scene import become, looks
+from dappo_batch.render.scene import coloured_models, copy_class
 from dappo_batch.render.walk import Walk, of_walk
 
 if TYPE_CHECKING:
@@ -30,16 +30,16 @@ _SPEEDS = ("1", "1/2", "1/4", "1/10")
 
 
 def check_browser(host: str = "localhost", port: int = 8080) -> None:
-    """Refuse to serve a page where packages are missing or the address is not this machine's.
+    """Check the packages and the address of a page.
 
     Raises
     ------
     MissingExtraError
         If packages are missing.
     RenderError
-        If nothing can be served there.
+        If the address cannot be used.
     ConfigError
-        If one is no host or no port.
+        If host or port is invalid.
     """
     text(host, "host")
     integer(port, "port", 0, 65535)
@@ -47,20 +47,20 @@ def check_browser(host: str = "localhost", port: int = 8080) -> None:
     try:
         socket.create_server((host, port)).close()
     except (OSError, TypeError, ValueError) as error:
-        # The server will take the next port, but waits for ever at an address of another machine.
+        # The server tries the next ports, but blocks on an address of another machine.
         if not isinstance(error, OSError) or error.errno != errno.EADDRINUSE:
             raise RenderError(f"no page can be served at {host}:{port}: {error}") from error
 
 
 def browse(walk: Walk, host: str = "localhost", port: int = 8080, camera: str = AUTO) -> None:
-    """Serve a page that shows a walk in real time, again and again, until Ctrl-C.
+    """Serve a page that shows an episode in real time, in a loop, until Ctrl-C.
 
     Parameters
     ----------
     walk : Walk
-        What to show.
+        The episode.
     host : str
-        Address of the page: ``localhost`` for this machine alone, ``0.0.0.0`` for all that can reach it.
+        Address of the page: ``localhost`` for this machine only, ``0.0.0.0`` for all interfaces.
     port : int
         The port, or the first free one after it.
     camera : str
@@ -77,14 +77,14 @@ def browse(walk: Walk, host: str = "localhost", port: int = 8080, camera: str = 
     of_walk(walk)
     check_camera(walk.table, camera)
     check_browser(host, port)
-    # Imported late: only this needs the extra.
+    # Imported here, because only this needs the extra.
     from viser import ViserServer
 
     server = ViserServer(host=host, port=port, label="dappo-batch")
     try:
         player = Player(walk, server, camera)
         address = f"http://{host}:{server.get_port()}"
-        print(f"{address} shows the walk until Ctrl-C", file=sys.stderr, flush=True)
+        print(f"{address} shows the episode until Ctrl-C", file=sys.stderr, flush=True)
         player.play()
     finally:
         server.stop()
@@ -96,9 +96,9 @@ class Player:
     Parameters
     ----------
     walk : Walk
-        What to show.
+        The episode.
     server : viser.ViserServer
-        Serves the page.
+        Server of the page.
     camera : str
         From where visitors look at first.
     """
@@ -109,7 +109,7 @@ class Player:
         self._walk = walk
         self._classes = walk.damage_classes.tolist()
         self._captions = captions(walk)
-        self._looks = looks(walk.table, self._classes)
+        self._models = coloured_models(walk.table, self._classes)
         self._camera = camera_of(
             walk.table,
             walk.states,
@@ -118,8 +118,8 @@ class Player:
             damage_class=self._classes[-1],
         )
         self._shown = self._classes[0]
-        self._scene = ViserMujocoScene(server, copy.copy(self._looks[self._shown]), num_envs=1)
-        # Its own tracking would pass every sway of the robot on to the floor.
+        self._scene = ViserMujocoScene(server, copy.copy(self._models[self._shown]), num_envs=1)
+        # The tracking of the viewer would move the floor with every sway of the robot.
         self._scene.camera_tracking_enabled = False
         self._look(server, self._camera)
         self.caption = server.gui.add_markdown("")
@@ -132,7 +132,7 @@ class Player:
 
     @staticmethod
     def _look(server: ViserServer, camera: View) -> None:
-        """Let visitors begin where the films are taken from."""
+        """Set the initial camera to that of films."""
         azimuth, elevation = np.radians([camera.azimuth, camera.elevation])
         ahead = np.array(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -143,7 +143,7 @@ class Player:
         server.scene.set_up_direction("+z")
 
     def show(self, step: int) -> None:
-        """Show a state of the walk.
+        """Show a state of the episode.
 
         Parameters
         ----------
@@ -153,20 +153,20 @@ class Player:
         damage_class = self._classes[step]
         scene = self._scene
         if damage_class != self._shown:
-            become(scene.mj_model, self._looks[damage_class])
+            copy_class(scene.mj_model, self._models[damage_class])
             scene.rebuild_visual_handles()
             self._shown = damage_class
         data = scene.mj_data
         data.qpos[:] = self._walk.states[step]
         mujoco.mj_kinematics(scene.mj_model, data)
-        # The world moves below a visitor who follows the robot.
+        # The world moves instead of the camera.
         middle = self._camera.lookat[step]
         scene.update_from_arrays(data.xpos[None] - middle, data.xmat.reshape(1, -1, 3, 3))
         scene.fixed_bodies_frame.position = tuple(-middle)
         self.caption.content = _marked_down(self._captions[step])
 
     def play(self) -> None:
-        """Show one state after the other, from the first again after the last, until interrupted."""
+        """Show all states in a loop, until interrupted."""
         shown = 0
         while True:
             begin = time.perf_counter()
@@ -176,7 +176,7 @@ class Player:
                 shown = step
             slowness = int(self.speed.value.rpartition("/")[2])
             time.sleep(max(0.0, slowness * self._walk.step_seconds - (time.perf_counter() - begin)))
-            # A visitor may have moved the slider meanwhile.
+            # The slider may have been moved.
             if self.playing.value and self.step.value == step:
                 self.step.value = (step + 1) % len(self._classes)  # type: ignore[misc]
 

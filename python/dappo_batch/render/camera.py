@@ -1,4 +1,4 @@
-"""The camera: from which side it looks at the robot, from how far away, and how it follows."""
+"""The camera: its direction, its distance, and how it follows the robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["AUTO", "SIDES", "View", "check_camera", "view"]
 
 AUTO = "auto"
 SIDES = {"left": 90.0, "right": -90.0, "front": 0.0, "back": 180.0}
-"""Where the camera stands, seen from the robot: degrees from +x towards +y."""
+"""Directions from the robot to the camera: degrees from +x towards +y."""
 
 _HEADROOM = 0.15  # of the robot's reach, above it, where the caption is
 _EDGES = (
@@ -32,24 +32,24 @@ _ELEVATION = -22.0  # degrees
 _BEARING = -120.0  # degrees: behind the robot on its right, so that it walks to the right in the picture
 _BEARINGS = np.concatenate([np.arange(60.0, 121.0, 5.0), -np.arange(60.0, 121.0, 5.0)])
 _CLEAREST = 50.0  # degrees between camera and limb: a limb that points at the camera looks short
-# Over which the path is averaged, so that the gait does not shake the picture.
+# Averaging window of the path, so that the gait does not shake the picture.
 _SMOOTHING_SECONDS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera that looks in one direction and follows the robot, or a camera of the MJCF.
+    """A camera with a fixed direction that follows the robot, or a camera of the MJCF.
 
     Attributes
     ----------
     azimuth, elevation : float
-        Direction in which it looks, degrees, as in ``mujoco.MjvCamera``.
+        Direction of view, degrees, as in ``mujoco.MjvCamera``.
     distance : float
-        From what it looks at, m.
+        Distance from the point of view, m.
     fovy : float
         Vertical field of view, degrees.
     lookat : numpy.ndarray
-        What it looks at in every state, m, [T, 3].
+        Point of view in every state, m, [T, 3].
     reach : float
         Radius of a sphere around it that holds the robot, m.
     fixed : int
@@ -66,7 +66,7 @@ class View:
 
 
 def check_camera(table: ClassTable, camera: str) -> None:
-    """Check that a robot can be seen from a camera, before the work of a walk is spent.
+    """Check that a robot can be seen from a camera, before the episode is simulated.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def view(
     damage_class: int = 0,
     aspect: float = 4 / 3,
 ) -> View:
-    """Return the view of a walk that shows the whole robot and follows its main body.
+    """Return the view of an episode, which shows the whole robot and follows its main body.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def view(
     states : numpy.ndarray
         Positions of all states, [T, nq].
     step_seconds : float
-        Time between two of them, s.
+        Time between two states, s.
     camera : str
         As in `check_camera`. ``"auto"`` is the side on which the limbs of `damage_class` are, and that of
         the camera in ``[pictures]`` of the robot TOML if nothing is damaged.
@@ -185,10 +185,10 @@ def _towards(limbs: NDArray[np.float64], usual: float) -> float:
 
 
 def _lookat(seen: Extent, step_seconds: float) -> NDArray[np.float64]:
-    """Return what a camera that follows looks at in every state, m, [T, 3]."""
+    """Return the point of view of a following camera in every state, m, [T, 3]."""
     smooth = _smoothed(seen.path, max(1, round(_SMOOTHING_SECONDS / step_seconds)))
     if np.ptp(smooth[:, 2]) < seen.reach:
-        # A camera that went up and down with the robot would hide that the robot does.
+        # The camera keeps its height, so that vertical motion of the robot is visible.
         smooth[:, 2] = np.median(seen.path[:, 2])
     smooth[:, 2] += seen.middle + _HEADROOM * seen.reach
     return smooth

@@ -1,4 +1,4 @@
-"""What stands on the frames: the time, the damage, and what the controller has found out about it."""
+"""Captions of frames: time, damage, and the status of the controller."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from dappo_batch.results import Event
 
 __all__ = ["Caption", "captions", "findings", "readable"]
 
-_SPEED_SECONDS = 1.0  # over which the shown speed is averaged: one that changes all the time cannot be read
+_SPEED_SECONDS = 1.0  # averaging window of the shown speed
 
 
 class Caption(NamedTuple):
-    """The lines on one frame; empty ones are left out."""
+    """The lines of a caption; empty ones are omitted."""
 
     time: str
     damage: str
     finding: str
     damaged: bool
-    """Whether the damage is in force, and its line as red as the limbs."""
+    """Whether the damage is active; its line is then red like the damaged limbs."""
 
 
 def captions(walk: Walk) -> list[Caption]:
-    """Return the caption of every state of a walk."""
+    """Return the caption of every state of an episode."""
     limbs = [limb.name for limb in walk.table.robot.limbs]
     names = [item.name for item in walk.table.space.classes]
     count = len(walk.states)
@@ -51,7 +51,7 @@ def captions(walk: Walk) -> list[Caption]:
 
 
 def readable(name: str, limbs: Sequence[str]) -> str:
-    """Return a damage class in words.
+    """Return a damage class as text.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
     Parameters
     ----------
     events
-        What it did, in the order of steps; an event of step t is decided upon in state t.
+        Its events, in the order of steps; an event of step t belongs to state t.
     names
-        Names of the damage classes that it knows.
+        Names of its damage classes.
     limbs
         Names of the limbs of the robot.
     count
@@ -102,16 +102,16 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
                     adapted = ", policy adapted" if event.damage_class else ", policy reset to healthy"
                 case "readings_lost" | "readings_back":
                     lost = event.kind == "readings_lost"
-        texts.append(f"{found}{adapted}{', readings lost' if lost else ''}")
+        texts.append(f"{found}{adapted}{', observations lost' if lost else ''}")
     return texts
 
 
 def _speeds(walk: Walk, count: int) -> list[str]:
-    """Return the mean speed of the last second in every state, as text; nothing where it is unknown."""
+    """Return the mean speed of the last second in every state, as text; empty where it is unknown."""
     velocities: NDArray[np.float64] | None = walk.velocities
     if velocities is None or len(velocities) == 0:
         return [""] * count
     window = max(1, round(_SPEED_SECONDS / walk.step_seconds))
     means = [velocities[max(0, step - window) : step].mean() for step in range(1, count)]
-    # Before the first step nothing has been measured.
+    # There is no velocity before the first step.
     return ["", *(f"   {mean:.2f} m/s" for mean in means)]

@@ -18,12 +18,12 @@ __all__ = ["write_gif", "write_mp4", "write_png"]
 
 Pictures = Iterable[NDArray[np.uint8]]
 
-_QUALITY = "20"  # of H.264: the smaller the better; artefacts are hardly seen
-_PRESET = "veryfast"  # of H.264: half of the time of its own choice, for files that are hardly larger
-_GIF_COLOURS = 48  # few materials, soft light: more colours are more noise to store
+_QUALITY = "20"  # of H.264: smaller is better; artefacts are hardly visible
+_PRESET = "veryfast"  # of H.264: half of the default time, for files that are hardly larger
+_GIF_COLOURS = 48  # more colours only store more noise
 _ROW = 4  # most pictures in a row of a PNG
 _GAP = 4  # pixels between two of them
-_PALETTE_SAMPLES = 8  # pictures of a GIF that its palette is chosen from
+_PALETTE_SAMPLES = 8  # pictures of a GIF from which its palette is computed
 
 
 def write_mp4(path: Path, pictures: Pictures, seconds: float) -> None:
@@ -33,7 +33,7 @@ def write_mp4(path: Path, pictures: Pictures, seconds: float) -> None:
         stream = None
         for picture in pictures:
             if stream is None:
-                # What every browser and player reads: H.264 with halved colour resolution.
+                # H.264 with halved colour resolution, which every browser and player supports.
                 stream = file.add_stream("libx264", rate=rate, options={"crf": _QUALITY, "preset": _PRESET})
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"
@@ -43,9 +43,9 @@ def write_mp4(path: Path, pictures: Pictures, seconds: float) -> None:
 
 
 def write_gif(path: Path, pictures: Pictures, seconds: float) -> None:
-    """Write pictures, each uint8[height, width, 3], as a GIF without end, each shown for `seconds`."""
+    """Write pictures, each uint8[height, width, 3], as a GIF in a loop, each shown for `seconds`."""
     with tempfile.TemporaryFile() as spool:
-        # One palette for all, so that colours do not flicker; it can only be chosen when all have been seen.
+        # One palette for all pictures, so that colours do not flicker.
         shape, count = (0, 0, 3), 0
         for picture in pictures:
             shape, count = picture.shape, count + 1
@@ -53,7 +53,7 @@ def write_gif(path: Path, pictures: Pictures, seconds: float) -> None:
         step = max(1, math.ceil(count / _PALETTE_SAMPLES))
         samples = np.concatenate(list(_spooled(spool, shape, range(0, count, step))))
         palette = Image.fromarray(samples).quantize(_GIF_COLOURS, method=Image.Quantize.FASTOCTREE)
-        # Without dithering, whose noise would double the file.
+        # Dithering would double the size of the file.
         reduced = (
             Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
             for picture in _spooled(spool, shape, range(count))

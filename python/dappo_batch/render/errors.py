@@ -1,4 +1,4 @@
-"""What can go wrong with pictures, beyond options that make no sense."""
+"""Errors of rendering."""
 
 from __future__ import annotations
 

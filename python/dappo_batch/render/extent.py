@@ -1,4 +1,4 @@
-"""How large a robot is, and where it moves: what camera, floor and shadows are fitted to."""
+"""Size and path of a robot, to which camera, floor and shadows are fitted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dappo_batch.model import ClassTable
 
 __all__ = ["Extent", "extent"]
 
-_SAMPLES = 20  # states of a walk that are measured
+_SAMPLES = 20  # measured states of an episode
 _DRAWN_GROUPS = 3  # MuJoCo draws the geoms of groups 0, 1 and 2
 _CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
 
@@ -47,7 +47,7 @@ class Extent:
 
 
 def extent(table: ClassTable, states: NDArray[np.float64]) -> Extent:
-    """Measure the healthy robot in the states of a walk, [T, nq]."""
+    """Measure the healthy robot in the states of an episode, [T, nq]."""
     model, main = table.models[0], table.main_body
     data = mujoco.MjData(model)
     geoms = _drawn(table)

@@ -1,4 +1,4 @@
-"""From a walk to a file."""
+"""Films of an episode as files."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ INSTALL = _extras.install("video")
 
 @dataclass(frozen=True)
 class _Format:
-    """What a kind of file can hold."""
+    """Properties of a file format."""
 
     size: tuple[int, int]
     """Default width and height of a frame."""
     fastest: float
-    """Most frames a second."""
+    """Maximum number of frames per second."""
     unit: float | None = None
-    """What the time of a frame is a multiple of, s."""
+    """Unit of the duration of a frame, s."""
 
 
 _FORMATS = {
     ".mp4": _Format((640, 480), 30.0),
-    # Its files are large; and browsers slow down GIFs that are faster than 50 frames a second.
+    # Files are large, and browsers slow down GIFs with more than 50 frames per second.
     ".gif": _Format((480, 360), 20.0, 0.01),
     ".png": _Format((640, 480), 1.0),
 }
 
 
 def check(path: str | bytes | PathLike[str], strip: int = STRIP) -> Path:
-    """Return a path that `write` can write to, before the work of a walk is spent.
+    """Return the path for `write` after a check, which can be done before the episode.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def write(
     strip: int = STRIP,
     progress: Callable[[int, int], object] | None = None,
 ) -> int:
-    """Draw a walk into a file, in real time, and return the number of frames in it.
+    """Write an episode to a file, in real time, and return the number of frames.
 
     Parameters
     ----------
     path : path-like
         A file that ends in ``.mp4``, ``.gif`` or ``.png``. A PNG is a strip of frames.
     walk : Walk
-        What to draw.
+        The episode.
     size : tuple of int, optional
         Width and height of a frame, even for an mp4; by default 640 by 480, and 480 by 360 for a GIF.
     captioned : bool
@@ -115,7 +115,7 @@ def write(
     ConfigError
         If the path, the size, the camera or the number of frames cannot be used.
     MissingExtraError, RenderError
-        If packages are missing, or nothing can be drawn here; the message says what to install.
+        If packages are missing, or rendering is not possible; the message contains what to install.
     """
     file = check(path, strip)
     kind = file.suffix.lower()
@@ -132,7 +132,7 @@ def write(
     drawn = frames(walk, plan.states, size=(width, height), captioned=captioned, camera=camera)
     if progress is not None:
         drawn = _reported(drawn, len(plan.states), progress)
-    # Imported late: only who draws needs the extra.
+    # Imported here, because only drawing needs the extra.
     from dappo_batch.render import encoders
 
     encode: dict[str, Callable[[Path], None]] = {
@@ -161,14 +161,14 @@ def frames(
     captioned: bool = True,
     camera: str = AUTO,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draw some states of a walk, each uint8[height, width, 3].
+    """Draw some states of an episode, each uint8[height, width, 3].
 
     Parameters
     ----------
     walk : Walk
-        What to draw.
+        The episode.
     states : list of int
-        Indices into its states.
+        Indices of the states.
     size : tuple of int
         Width and height.
     captioned : bool
@@ -181,7 +181,7 @@ def frames(
     ConfigError
         If a state or the camera does not exist, or the size cannot be used.
     RenderError
-        If nothing can be drawn here.
+        If rendering is not possible.
     """
     of_walk(walk)
     last = len(walk.states) - 1
@@ -210,8 +210,8 @@ def size_of(size: object) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _whole(file: Path) -> Iterator[Path]:
-    """Give a file that takes its name when it is complete, so that no half of one is left behind."""
-    # Somebody else may have put a link under any name that can be foreseen.
+    """Yield a temporary file, which is renamed when it is complete."""
+    # The name is random, so that no link can exist under it.
     part = file.with_name(f".{file.stem[:100]}.{secrets.token_hex(8)}{file.suffix}")
     try:
         os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))

@@ -1,4 +1,4 @@
-"""Writing captions onto pictures."""
+"""Drawing of captions onto pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["letter"]
 
 _INK = (30, 36, 44)
 _RED = (186, 24, 16)
-_PAPER = (255, 255, 255, 205)  # lets the picture shine through a little
+_PAPER = (255, 255, 255, 205)  # slightly transparent
 _LINES = 24  # of text that a picture is high
 _SMALLEST = 9  # pixels
 
@@ -27,7 +27,7 @@ def letter(
     font = _of_size(max(_SMALLEST, height // _LINES))
     pad, step = font.size * 0.5, font.size * 1.35
     wrapped = [_wrapped(caption, font, width - 4 * pad) for caption in captions]
-    # As wide as the longest line throughout, so that it does not jump.
+    # All captions are as wide as the longest line.
     widest = max(font.getlength(line) for lines in wrapped for line, _ in lines)
     for pixels, lines in zip(pictures, wrapped, strict=True):
         box = (pad, pad, 3 * pad + widest, 2.4 * pad + step * len(lines))

@@ -1,4 +1,4 @@
-"""Pictures of environments that run, one at a time, drawn by a process that stays."""
+"""Pictures of running environments, drawn one at a time by a persistent process."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["Live", "LivePainter", "Pose"]
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """What a painter gets at the beginning: a model of the robot, the camera, and the size of frames."""
+    """The first message to the drawing process: model of the robot, camera, and size of frames."""
 
     model: mujoco.MjModel
     view: View
@@ -36,14 +36,14 @@ class Live:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """What a painter gets for every frame: positions [nq], and the model where that is another one."""
+    """The message for a frame: positions [nq], and the model if it has changed."""
 
     model: mujoco.MjModel | None
     qpos: NDArray[np.float64]
 
 
 class LivePainter:
-    """Draws robots of one class table with the first OpenGL that works here, as films do.
+    """Draws robots of one class table with the first OpenGL implementation that works.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ class LivePainter:
         Raises
         ------
         RenderError
-            If no OpenGL works here, or the one that did gives up.
+            If no OpenGL implementation works, or it fails later.
         """
         if self._process != os.getpid():
             self._forget()
         if self._painter is not None:
             picture = self._ask(damage_class, qpos)
             if picture is None:
-                raise opengl.gave_up(self._choice, f"in between: {self._why()}")
+                raise opengl.failed(self._choice, f"while drawing: {self._why()}")
             return picture
         reasons = {}
         for choice in opengl.choices():
@@ -100,7 +100,7 @@ class LivePainter:
         self._painter = None
 
     def _forget(self) -> None:
-        """Leave the process to the one that this was forked from."""
+        """Leave the drawing process to the parent after a fork."""
         self.close()
         self._process = os.getpid()
 
@@ -123,7 +123,7 @@ class LivePainter:
             self._shown = damage_class
             content = self._painter.stdout.read(height * width * 3)
         except BaseException:
-            # An interruption leaves half of a message in a pipe: the next picture is one of a new process.
+            # An interruption may leave half of a message in a pipe, so the next picture uses a new process.
             self.close()
             raise
         if len(content) < height * width * 3:
@@ -131,7 +131,7 @@ class LivePainter:
         return np.frombuffer(content, np.uint8).reshape(height, width, 3).copy()
 
     def _why(self) -> str:
-        """Return why the process has ended, and forget it."""
+        """Return why the process has ended, and release it."""
         assert self._painter is not None
         assert self._complaints is not None
         self._painter.wait()
@@ -151,7 +151,7 @@ def _send(painter: subprocess.Popen[bytes], message: Live | Pose) -> bool:
 
 
 def _stop(painter: subprocess.Popen[bytes], complaints: IO[bytes], process: int) -> None:
-    # A forked process closes its copies of the pipes and leaves the painter alone.
+    # A forked process closes its copies of the pipes and does not end the drawing process.
     if os.getpid() == process:
         painter.kill()
         painter.wait()

@@ -1,4 +1,4 @@
-"""Finding an OpenGL that works here, also on machines without a screen, and drawing with it."""
+"""Selection of an OpenGL implementation that works, with or without a screen, and drawing with it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from dappo_batch.render.errors import RenderError
 from dappo_batch.render.scene import Scene
 
-__all__ = ["INSTALL", "PAINTER", "choices", "draw", "gave_up", "last_line", "none_works", "start"]
+__all__ = ["INSTALL", "PAINTER", "choices", "draw", "failed", "last_line", "none_works", "start"]
 
 INSTALL = {
     "egl": "apt-get install libegl1 libgl1-mesa-dri",
     "osmesa": "apt-get install libosmesa6",
 }
-"""How to get the OpenGLs that need no screen."""
+"""Commands that install OpenGL implementations without a screen."""
 PAINTER = ("-m", "dappo_batch.render.painter")
-"""What Python runs to draw."""
+"""Module of the drawing process."""
 
 
 def choices() -> list[str]:
@@ -42,7 +42,7 @@ def draw(scene: Scene) -> Iterator[NDArray[np.uint8]]:
     Raises
     ------
     RenderError
-        If no OpenGL works here, or it gives up in between.
+        If no OpenGL implementation works, or it fails while drawing.
     """
     reasons = {}
     for choice in choices():
@@ -54,7 +54,7 @@ def draw(scene: Scene) -> Iterator[NDArray[np.uint8]]:
                 painter.wait()
                 reason = last_line(complaints) or f"exit code {painter.returncode}"
                 if silent.drawn > 0:
-                    raise gave_up(choice, f"after {silent.drawn} pictures: {reason}") from None
+                    raise failed(choice, f"after {silent.drawn} pictures: {reason}") from None
                 reasons[choice or "OpenGL"] = reason
             finally:
                 painter.kill()
@@ -62,29 +62,29 @@ def draw(scene: Scene) -> Iterator[NDArray[np.uint8]]:
 
 
 def none_works(reasons: Mapping[str, str]) -> RenderError:
-    """Return the error that says why no OpenGL works here, and what to install."""
+    """Return the error with the reasons why no OpenGL implementation works, and what to install."""
     tried = "; ".join(f"{choice}: {reason}" for choice, reason in reasons.items())
     cure = " or ".join(f"`{INSTALL[choice]}`" for choice in reasons if choice in INSTALL)
     return RenderError(
-        f"pictures need OpenGL, and none works here ({tried}){f'; try {cure}' if cure else ''};"
-        " `dappo-batch doctor` looks further"
+        f"pictures need OpenGL, and no implementation works ({tried}){f'; try {cure}' if cure else ''};"
+        " see `dappo-batch doctor`"
     )
 
 
-def gave_up(choice: str, reason: str) -> RenderError:
-    """Return the error of an OpenGL that worked before."""
-    return RenderError(f"{choice or 'OpenGL'} gave up {reason}")
+def failed(choice: str, reason: str) -> RenderError:
+    """Return the error of an OpenGL implementation that failed after it had worked."""
+    return RenderError(f"{choice or 'OpenGL'} failed {reason}")
 
 
 class _Silent(Exception):
-    """The painter has ended before all pictures were drawn."""
+    """The drawing process ended before all pictures were drawn."""
 
     def __init__(self, drawn: int) -> None:
         self.drawn = drawn
 
 
 def start(choice: str, complaints: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a process that draws."""
+    """Start a drawing process."""
     environment = dict(os.environ)
     if choice:
         environment["MUJOCO_GL"] = choice
@@ -116,7 +116,7 @@ def _pictures(painter: subprocess.Popen[bytes], scene: Scene) -> Iterator[NDArra
 
 
 def last_line(complaints: IO[bytes]) -> str:
-    """Return the last thing that a process has said."""
+    """Return the last line of the output of a process."""
     complaints.seek(0)
     lines = complaints.read().decode(errors="replace").strip().splitlines()
     return lines[-1].strip() if lines else ""

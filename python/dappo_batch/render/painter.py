@@ -1,6 +1,6 @@
-"""The process that draws: reads a `Scene`, or `Live` and one `Pose` after the other; writes raw frames.
+"""The drawing process: reads a `Scene`, or `Live` and one `Pose` after the other; writes raw frames.
 
-A process of its own: MuJoCo chooses its OpenGL when it is imported, and a bad driver may crash.
+A separate process: MuJoCo chooses its OpenGL at import, and a faulty driver may crash.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dappo_batch.render.camera import View
 from dappo_batch.render.live import Live, Pose
-from dappo_batch.render.scene import Scene, become
+from dappo_batch.render.scene import Scene, copy_class
 
 __all__ = ["main", "paint", "reduced"]
 
@@ -42,14 +42,14 @@ def paint_live(live: Live, poses: Iterator[Pose]) -> Iterator[NDArray[np.uint8]]
     start = live.view.lookat[0]
     for pose in poses:
         if pose.model is not None:
-            become(live.model, pose.model)
+            copy_class(live.model, pose.model)
         canvas.pose(pose.qpos)
         main = canvas.data.xpos[live.main_body]
         yield canvas.draw(np.array([main[0], main[1], start[2]]), start)
 
 
 class _Canvas:
-    """A model, and what draws it."""
+    """A model and its renderer."""
 
     def __init__(self, model: mujoco.MjModel, view: View, height: int, width: int) -> None:
         self.data = mujoco.MjData(model)
@@ -70,7 +70,7 @@ class _Canvas:
         self._camera.distance = view.distance
 
     def pose(self, qpos: NDArray[np.float64]) -> None:
-        """Take a position."""
+        """Set the positions [nq]."""
         self.data.qpos[:] = qpos
         mujoco.mj_forward(self._model, self.data)
 
@@ -83,7 +83,7 @@ class _Canvas:
         return reduced(frame) if self._is_larger else frame
 
     def _bring_lights(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> None:
-        """Let the lights of the world follow the robot, on a floor that has no end.
+        """Move the lights of the world with the robot, on an infinite floor.
 
         Those at a distance must follow: MuJoCo draws their shadows only in front of where they stand.
         """
@@ -119,9 +119,9 @@ def _poses() -> Iterator[Pose]:
 
 
 def main() -> None:
-    """Draw what comes in."""
+    """Read messages and write frames."""
     order = pickle.load(sys.stdin.buffer)
-    # Whatever a driver prints must not end up in the pictures.
+    # Output of drivers must not be mixed with pictures.
     pictures = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     is_live = isinstance(order, Live)
@@ -132,7 +132,7 @@ def main() -> None:
         if is_live:
             pictures.flush()
     pictures.flush()
-    # Freeing some software renderers fails, which says nothing about the pictures.
+    # Freeing some software renderers fails, which does not affect the pictures.
     os._exit(0)
 
 

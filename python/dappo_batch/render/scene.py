@@ -1,4 +1,4 @@
-"""Everything that a painter needs to know, and nothing more."""
+"""The message to the drawing process: models, positions and camera."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from dappo_batch.render.camera import AUTO, View, view
 from dappo_batch.render.scenery import FLOOR, has_pattern, with_scenery
 from dappo_batch.render.walk import Walk
 
-__all__ = ["RED", "Scene", "become", "fit", "looks", "painted", "scene"]
+__all__ = ["RED", "Scene", "coloured_models", "copy_class", "fit", "painted", "scene"]
 
 RED = (0.85, 0.16, 0.12, 1.0)
 _LIMB = (0.36, 0.45, 0.55, 1.0)
 _TRUNK = (0.85, 0.62, 0.25, 1.0)
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's colour of a geom that has none
-_AMBIENT = 0.3  # of white light: what lies in the shade can still be told apart
+_AMBIENT = 0.3  # of white light, so that shaded parts are visible
 _SHADOW_PIXELS = 1024  # more take long without a graphics card
-_SHADOW_REACHES = 1.25  # half of the area in which there are shadows; the robot's own fall on the floor in it
-_NEAR, _FAR = 0.02, 60.0  # what is drawn, in distances of the camera
+_SHADOW_REACHES = 1.25  # half of the width of the area with shadows, in reaches of the robot
+_NEAR, _FAR = 0.02, 60.0  # range of depths, in distances of the camera
 # Facets of round geoms: fewer than MuJoCo's, which take a third of the time without a graphics card.
 _SLICES, _STACKS = 16, 8
 _POSE = ("body_", "jnt_", "qpos", "geom_", "site_", "cam_", "tendon_")
@@ -33,12 +33,12 @@ _LOOK = ("mat_", "light_")
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The frames that are to be drawn.
+    """The frames to draw.
 
     Attributes
     ----------
     models : dict
-        From damage class to a model with its colours.
+        Coloured models by damage class.
     damage_classes : list of int
         Class of every frame.
     qpos : numpy.ndarray
@@ -58,7 +58,7 @@ class Scene:
 
 
 def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: str = AUTO) -> Scene:
-    """Return the frames of some states of a walk."""
+    """Return the scene of some states of an episode."""
     every = walk.damage_classes
     seen = view(
         walk.table,
@@ -69,7 +69,7 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: st
         aspect=width / height,
     )
     classes = every[list(states)].tolist()
-    models = looks(walk.table, classes)
+    models = coloured_models(walk.table, classes)
     for model in models.values():
         fit(model, seen)
     chosen = replace(seen, lookat=seen.lookat[list(states)])
@@ -77,9 +77,9 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: st
 
 
 def fit(model: mujoco.MjModel, seen: View) -> None:
-    """Let a model be drawn as a camera sees it."""
+    """Fit lights, shadows and depths of a model to a camera."""
     settings, scale = model.vis, model.stat.extent
-    # Shadows are needed, and sharp, where the robot is.
+    # The shadow map covers the robot.
     settings.map.shadowclip = _SHADOW_REACHES * seen.reach / scale
     _turn_lights(model, seen.azimuth)
     if seen.fixed < 0:
@@ -88,7 +88,7 @@ def fit(model: mujoco.MjModel, seen: View) -> None:
 
 
 def _turn_lights(model: mujoco.MjModel, azimuth: float) -> None:
-    """Let the suns of a model shine from the camera's side, along an axis of the world.
+    """Turn the directional lights of a model to the camera's side, along an axis of the world.
 
     The floor is speckled with shadow where rays fall obliquely to the axes: MuJoCo's shadow map is rounded.
     """
@@ -100,14 +100,16 @@ def _turn_lights(model: mujoco.MjModel, azimuth: float) -> None:
             direction[:2] = np.hypot(*direction[:2]) * ahead
 
 
-def looks(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel]:
-    """Return a model with its colours for every damage class that occurs."""
+def coloured_models(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel]:
+    """Return a coloured model for each of the damage classes."""
     scenery = with_scenery(table)
     return {damage_class: painted(table, damage_class, scenery) for damage_class in set(classes)}
 
 
-def become(model: mujoco.MjModel, other: mujoco.MjModel, fields: Sequence[str] = (*_POSE, *_LOOK)) -> None:
-    """Let a model look and move as another of its class table."""
+def copy_class(
+    model: mujoco.MjModel, other: mujoco.MjModel, fields: Sequence[str] = (*_POSE, *_LOOK)
+) -> None:
+    """Copy fields that affect frames from the model of another class."""
     for name in dir(model):
         if name.startswith(tuple(fields)):
             numbers = getattr(model, name)
@@ -116,7 +118,7 @@ def become(model: mujoco.MjModel, other: mujoco.MjModel, fields: Sequence[str] =
 
 
 def painted(table: ClassTable, damage_class: int, scenery: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a model of a damage class as it is drawn.
+    """Return the model of a damage class for drawing.
 
     Parameters
     ----------
@@ -128,11 +130,11 @@ def painted(table: ClassTable, damage_class: int, scenery: mujoco.MjModel) -> mu
         What `with_scenery` returned; it is left as it is.
     """
     model = copy.copy(scenery)
-    become(model, table.models[damage_class], _POSE)
+    copy_class(model, table.models[damage_class], _POSE)
     _colour(model, table)
     for limb, _ in table.space.classes[damage_class].damages:
         geoms = np.isin(model.geom_bodyid, table.limb_bodies[limb])
-        model.geom_matid[geoms] = -1  # a material's colour would win over the geom's
+        model.geom_matid[geoms] = -1  # a material's colour has precedence over the geom's
         model.geom_rgba[geoms] = RED
     for plane in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
         _tile(model, int(plane))
@@ -170,10 +172,10 @@ def _tile(model: mujoco.MjModel, plane: int) -> None:
 
 
 def _extend(model: mujoco.MjModel, plane: int) -> None:
-    """Let a plane reach to the horizon wherever the robot walks, its tiles as large as before."""
+    """Make a plane infinite, with tiles of the same size."""
     size, material = model.geom_size[plane], int(model.geom_matid[plane])
     if material >= 0 and not model.mat_texuniform[material]:
-        # The repeats of an endless plane count per metre, those of another one along its whole length.
+        # Texture repeats of an infinite plane are per metre, those of a finite one over its length.
         finite = size[:2] > 0
         model.mat_texrepeat[material][finite] /= 2 * size[:2][finite]
     size[:2] = 0.0

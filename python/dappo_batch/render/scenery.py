@@ -1,4 +1,4 @@
-"""What a robot is shown in: a sky, a chequered floor and a light, where its MJCF has none of its own.
+"""Scenery of films: a sky, a chequered floor and a light, if the MJCF has none.
 
 All of it is added to copies that are drawn, never to the models that are simulated.
 """
@@ -30,7 +30,7 @@ _LIGHT_DIRECTION = (0.3, 0.4, -1.0)
 
 
 def with_scenery(table: ClassTable) -> mujoco.MjModel:
-    """Return a copy of the healthy model of a robot that has a sky, a material for floors and a light."""
+    """Return a copy of the healthy model of a robot with a sky, a material for floors and a light."""
     healthy = table.models[0]
     planes = np.flatnonzero(healthy.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
     lacks_sky = not (healthy.tex_type == _SKYBOX).any()

@@ -1,4 +1,4 @@
-"""Which states become frames, and for how long each is shown."""
+"""The states that become frames, and their durations."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ __all__ = ["Schedule", "evenly", "schedule"]
 
 @dataclass(frozen=True)
 class Schedule:
-    """The states that are shown, and the time that each of them is, s."""
+    """The states to show, and the duration of each, s."""
 
     states: list[int]
     seconds: float
 
 
 def schedule(states: int, step_seconds: float, *, fastest: float, unit: float | None = None) -> Schedule:
-    """Spread the states of a walk over frames, in real time.
+    """Select the states of an episode for frames, in real time.
 
     Parameters
     ----------
     states : int
         Number of states.
     step_seconds : float
-        Time between two of them, s.
+        Time between two states, s.
     fastest : float
         Most frames a second. States that come faster are left out.
     unit : float, optional
         What the time of a frame is a multiple of, s, in formats that have such a unit; in others it is one
         of `step_seconds`, so that the robot moves evenly.
     """
-    # The small number makes up for rounding where a frame falls on a state.
+    # The small number compensates for rounding if a frame coincides with a state.
     unit = step_seconds if unit is None else unit
     seconds = math.ceil(max(step_seconds, 1.0 / fastest) / unit - 1e-9) * unit
     last = math.floor((states - 1) * step_seconds / seconds + 1e-9)
@@ -40,7 +40,7 @@ def schedule(states: int, step_seconds: float, *, fastest: float, unit: float | 
 
 
 def evenly(states: int, frames: int) -> list[int]:
-    """Return at most so many states of a walk, evenly spaced; the last is the walk's last."""
+    """Return at most `frames` evenly spaced states of an episode, including the last one."""
     if frames == 1 or states == 1:
         return [states - 1]
     count = min(frames, states)

@@ -1,4 +1,4 @@
-"""What there is to show: the states of a walk, its damage, and what was believed about it."""
+"""An episode to show: its states, its damage, and the events of a controller."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ __all__ = ["Walk"]
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The states of one robot, and what is to be said about them.
+    """The states of one robot in an episode, with damage and events.
 
     Attributes
     ----------
     table : ClassTable
         The robot and its damage classes.
     qpos : array_like
-        Positions before every step and after the last, [T + 1, nq], as `DamageVectorEnv.get_state` gives
-        them; [nq] for a single state.
+        Positions before every step and after the last, [T + 1, nq], as from `DamageVectorEnv.get_state`; [nq]
+        for a single state.
     damage : str or int
-        The damage that strikes: a damage spec or a class id.
+        Damage class: a damage spec or a class id.
     onset : int
-        Step before which the robot is healthy.
+        Step at which the damage becomes active.
     forward_velocity : array_like, optional
         Velocity along +x in every step, m/s, [T].
     events : sequence of Event or mapping, optional
-        What a `Controller` did, its ``events`` of this robot, counted from the first state on, or those of
+        ``events`` of a `Controller` for this robot, with steps counted from the first state, or those of
         `adapt`.
     known_names : sequence of str, optional
-        Names of the damage classes that the controller knows; those of `table` if left out.
+        Names of the damage classes of the controller; by default those of `table`.
     note : str
-        What to say about who walks, where there is no controller.
+        Line of the caption about the policy, if there is no controller.
 
     Raises
     ------
     ConfigError
-        If the damage does not exist, the onset is negative, or something is of the wrong type.
+        If the damage does not exist, the onset is negative, or an argument has a wrong type.
     ShapeError
         If shapes do not fit, or a position is not finite.
     """
@@ -71,7 +71,7 @@ class Walk:
         for event in self.happened or ():
             if event.damage_class is not None and not 0 <= event.damage_class < known:
                 raise ConfigError(
-                    f"an event names damage class {event.damage_class}, expected one from 0 to {known - 1}"
+                    f"an event has damage class {event.damage_class}, expected one from 0 to {known - 1}"
                 )
         states, width = self.states, self.table.models[0].nq
         if states.ndim != 2 or states.shape[1] != width or len(states) == 0:
@@ -106,7 +106,7 @@ class Walk:
 
     @property
     def damage_classes(self) -> NDArray[np.int64]:
-        """The damage class in force in every state, [T + 1]."""
+        """The active damage in every state, class ids [T + 1]."""
         steps = np.arange(len(self.states))
         return np.where(steps < self.onset, 0, self.table.space.parse(self.damage))
 
@@ -118,12 +118,12 @@ class Walk:
 
 
 def of_walk(walk: object) -> None:
-    """Refuse what is no walk.
+    """Check that `walk` is a `Walk`.
 
     Raises
     ------
     ConfigError
-        If it is none.
+        If it is not.
     """
     if not isinstance(walk, Walk):
         raise ConfigError(f"walk must be a Walk, got {shown(walk)}")

@@ -1,4 +1,4 @@
-"""A window in which a walk is shown again and again, to be looked at from all sides."""
+"""A window that shows an episode in a loop, with a movable camera."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from dappo_batch.render.camera import AUTO, check_camera
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
-from dappo_batch.render.scene import become, looks
+from dappo_batch.render.scene import coloured_models, copy_class
 from dappo_batch.render.walk import Walk, of_walk
 
 __all__ = ["check_screen", "view"]
 
-_PAUSE_SECONDS = 1.0  # between the end of a walk and its next beginning
+_PAUSE_SECONDS = 1.0  # between two repetitions
 
 
 def check_screen() -> None:
-    """Refuse to open a window where there is no screen.
+    """Check that there is a screen.
 
     Raises
     ------
     RenderError
-        If there is none.
+        If there is no screen.
     """
     names = ("DISPLAY", "WAYLAND_DISPLAY")
     if sys.platform == "linux" and not any(os.environ.get(name) for name in names):
@@ -39,12 +39,12 @@ def check_screen() -> None:
 
 
 def view(walk: Walk, camera: str = AUTO) -> None:
-    """Show a walk in a window in real time, again and again, until the window is closed.
+    """Show an episode in a window in real time, in a loop, until the window is closed.
 
     Parameters
     ----------
     walk : Walk
-        What to show.
+        The episode.
     camera : str
         Where the camera starts: ``"auto"``, a side of the robot, or a camera of the MJCF, as in `write`.
 
@@ -58,11 +58,11 @@ def view(walk: Walk, camera: str = AUTO) -> None:
     of_walk(walk)
     check_camera(walk.table, camera)
     check_screen()
-    # Imported late: it looks for a screen by itself.
+    # Imported here, because the import needs a screen.
     from mujoco import viewer
 
     classes, said = walk.damage_classes.tolist(), captions(walk)
-    models = looks(walk.table, classes)
+    models = coloured_models(walk.table, classes)
     shown, model = classes[0], copy.copy(models[classes[0]])
     data = mujoco.MjData(model)
     data.qpos[:] = walk.states[0]
@@ -81,7 +81,7 @@ def view(walk: Walk, camera: str = AUTO) -> None:
                 begin = time.perf_counter()
                 with window.lock():
                     if damage_class != shown:
-                        become(model, models[damage_class])
+                        copy_class(model, models[damage_class])
                         shown = damage_class
                     data.qpos[:] = state
                     mujoco.mj_forward(model, data)
@@ -92,6 +92,6 @@ def view(walk: Walk, camera: str = AUTO) -> None:
 
 
 def _plain(caption: Caption) -> str:
-    """Return the caption in the letters that MuJoCo's windows have."""
+    """Return the caption in the characters that MuJoCo's windows support."""
     lines = [line for line in (caption.time, caption.damage, caption.finding) if line]
     return "\n".join(lines).replace("…", "...")

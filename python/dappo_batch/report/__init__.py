@@ -37,8 +37,8 @@ def write(
     title : str
         Heading of the page.
     film_strips : bool
-        Whether moments of an episode of each policy are drawn, which takes two seconds a policy. Without
-        OpenGL or a checkpoint the page says why there are none.
+        Whether to draw moments of an episode of each policy, which takes two seconds for each. Without OpenGL
+        or a checkpoint the page contains the reason instead.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def write(
     Raises
     ------
     ConfigError
-        If a path is nothing that a report knows, or the folder of `out` does not exist.
+        If a path is of an unknown kind, or the folder of `out` does not exist.
     CheckpointError
         If a file cannot be read.
     MissingExtraError
@@ -74,8 +74,8 @@ def write(
 def _draw(
     sources: Sources, title: str, figures: Path | None, *, film_strips: bool
 ) -> tuple[bytes, dict[Path, bytes]]:
-    """Draw the page and files in memory, so that nothing is written where something cannot be drawn."""
-    # matplotlib is an extra, and takes a second to import.
+    """Draw the page and files in memory, so that an error leaves no files."""
+    # matplotlib belongs to an extra and takes a second to import.
     from dappo_batch.report.page import render
     from dappo_batch.report.picture import style
     from dappo_batch.report.sections import sections
@@ -92,7 +92,7 @@ def _draw(
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file so that a kill leaves the old one or the new one, never half of one."""
+    """Write a file atomically."""
     try:
         write_file(path, content)
     except OSError as error:
@@ -100,13 +100,13 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _shown(path: str | PathLike[str]) -> str:
-    """Return a path as a terminal can show it, whatever its bytes are."""
+    """Return a path as text, replacing bytes that are not UTF-8."""
     return fsencode(path).decode(errors="replace")
 
 
-def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str) -> int:
+def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str, film_strips: bool) -> int:
     """Run ``dappo-batch report``, see `write`, and return its exit code."""
-    page, *drawn = write(paths, out, figures=figures, title=title)
+    page, *drawn = write(paths, out, figures=figures, title=title, film_strips=film_strips)
     print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")
     if figures is not None and drawn:
         print(f"{_shown(figures)}: {len(drawn)} files")

@@ -16,15 +16,15 @@ __all__ = ["episodes", "outcomes"]
 
 _COUNTED = {
     "detected": "detected",
-    "right_at_first": "first diagnosis right",
-    "right_at_last": "right class at the end",
+    "right_at_first": "first diagnosis correct",
+    "right_at_last": "correct class at the end",
     "recovered": "recovered",
 }
-"""Columns that count episodes of damaged robots, and what a table calls them."""
+"""Columns that count episodes of damaged robots, with their headings."""
 
 
 def outcomes(runs: Sequence[Run], names: Mapping[Path, str]) -> Section:
-    """Return what ``adapt --all-classes`` found, over all damage classes."""
+    """Return the results of ``adapt --all-classes``, over all damage classes."""
     tables = [run.adaptation or {} for run in runs]
     counted = {
         column: title for column, title in _COUNTED.items() if all(column in table for table in tables)
@@ -71,7 +71,7 @@ def episodes(traces: Sequence[Trace]) -> Section:
 
 
 def _outcome(trace: Trace, name: str) -> tuple[str, ...]:
-    """Return an episode in a line: steps, the class at the end, and the mean speed after the onset, m/s."""
+    """Return an episode as a row: steps, the class at the end, and the mean speed after the onset, m/s."""
     table, onset = trace.table, trace.onset or 0
     suspected = [table["step"][row] for row, what, _ in trace.events() if what.startswith("suspected")]
     start = "n/a" if trace.onset is None else f"{table['step'][onset]}"

@@ -1,4 +1,4 @@
-"""Sections about diagnosers: Table 1 of a sweep, training, tests."""
+"""Sections about diagnosers: Table 1 of a sweep, training, evaluations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dappo_batch.report.words import grouped_digits, percent
 __all__ = ["diagnosers", "tables"]
 
 _MISTAKES = 8
-"""Most frequent mistakes of a diagnoser that are listed."""
+"""Number of the most frequent misclassifications to list."""
 
 
 def tables(found: Sequence[Table1]) -> Section:
@@ -25,7 +25,7 @@ def tables(found: Sequence[Table1]) -> Section:
 
 
 def diagnosers(found: Sequence[Diagnoser]) -> Section:
-    """Return training and tests of diagnosers."""
+    """Return training and evaluations of diagnosers."""
     names = short_names([diagnoser.path for diagnoser in found])
     header = (
         "diagnoser",
@@ -61,13 +61,13 @@ def diagnosers(found: Sequence[Diagnoser]) -> Section:
             "predicted class",
             "share of the windows of the true class",
         )
-        parts.append(Values(columns, mistakes, "Most frequent mistakes"))
+        parts.append(Values(columns, mistakes, "Most frequent misclassifications"))
     shown = [picture for picture in pictures if picture is not None]
     return Section("diagnosis", "Diagnosis", parts, shown)
 
 
 def _worst(test: DiagnoserTest) -> list[tuple[str, str, str]]:
-    """Return the most frequent mistakes: true class, predicted class, share of the true one's windows."""
+    """Return the most frequent misclassifications: true class, predicted class, share of the windows."""
     share = test.confusion / np.maximum(test.confusion.sum(axis=1, keepdims=True), 1.0)
     np.fill_diagonal(share, 0.0)
     order = np.argsort(-share, axis=None, kind="stable")[:_MISTAKES]

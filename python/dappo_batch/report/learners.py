@@ -1,4 +1,4 @@
-"""Runs that differ in nothing but their seed are one learner."""
+"""Learners: runs that differ only in their seed."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ AWARE, UNAWARE, EXPERT = "DA-PPO", "PPO-Unaware", "expert"
 _POINTS = 50
 """Points of a curve."""
 _LONGEST = 36
-"""Most letters of a name that still says the settings."""
+"""Maximum length of a name that contains the settings."""
 
-# What does not change what is learned, or by rounding alone.
+# Settings that do not affect training, except by rounding.
 _IRRELEVANT = ("seed", "env.threads", "env.njmax", "env.nconmax", "checkpoint.", "evaluation.")
-# What older versions did before the key existed.
+# Values of keys that older versions lack.
 _BEFORE = {"env.device": "cpu", "env.precision": "f64", "env.backend": "mujoco", "ppo.code_scale": 1.0}
 
 
@@ -53,7 +53,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Scores:
-    """Forward rewards of S seeds in C damage classes, and how well the episodes determine them.
+    """Forward rewards of S seeds in C damage classes, with their standard errors.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Learner:
     runs : tuple of Run
         In the order of their seeds.
     place : int
-        Place among the learners of the robot: every figure gives it the same mark.
+        Index among the learners of the robot; its mark is the same in every figure.
     relevant : mapping
         All settings that can make two learners differ, as text.
     """
@@ -144,7 +144,7 @@ class Learner:
         return tuple(int(run.metrics["env_steps"][-1]) for run in self.runs)
 
     def curve(self, column: str, *, weighted: bool) -> Curve | None:
-        """Average a column of the metrics over spans of env steps, as far as all seeds have come.
+        """Average a column of the metrics over spans of env steps, up to the last one of all seeds.
 
         Parameters
         ----------
@@ -196,7 +196,7 @@ def _numbers(table: Table, column: str, count: int) -> NDArray[np.float64]:
 def learners(runs: Sequence[Run]) -> list[Learner]:
     """Group runs; in the order of robots, rewards, kinds and settings.
 
-    A setting is part of a name only where it tells two learners of the same robot and kind apart.
+    A setting is part of a name only where it differs between learners of the same robot and kind.
     """
     grouped: dict[tuple[Any, ...], list[Run]] = {}
     settings: dict[tuple[Any, ...], dict[str, str]] = {}
@@ -264,7 +264,7 @@ def _relevant(run: Run) -> dict[str, str]:
     flat = _BEFORE | dict(_flatten(run.config)) | {"reward": _reward(run), "robot": run.robot}
     flat.pop("env.reward", None)
     if not run.observes_damage:
-        # The scale of a code that nobody observes.
+        # The scale of a code that is not observed.
         flat.pop("ppo.code_scale", None)
     return {key: _text(value) for key, value in flat.items() if not key.startswith(_IRRELEVANT)}
 
@@ -278,7 +278,7 @@ def _flatten(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, A
 
 
 def _distinctions(own: Mapping[str, str], rivals: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return what tells settings from others; a curriculum is too long to be quoted."""
+    """Return the distinguishing settings as text; a curriculum is abbreviated."""
     keys = sorted({key for rival in rivals for key in (*rival, *own) if rival.get(key) != own.get(key)})
     texts = []
     for key in keys:

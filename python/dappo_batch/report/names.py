@@ -1,4 +1,4 @@
-"""Short names for paths: what figures and tables call a run, where its folder would not fit."""
+"""Short names of paths in figures and tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def short_names(paths: Sequence[Path]) -> dict[Path, str]:
     if not paths:
         return {}
     above = os.path.commonpath([path.parent for path in paths])
-    # The ending of a file is the same for all of its kind.
+    # All files of a kind have the same extension.
     texts = [os.path.relpath(path.with_suffix("") if path.is_file() else path, above) for path in paths]
     words = [_WORD.findall(text) for text in texts]
     while (
@@ -33,13 +33,13 @@ def short_names(paths: Sequence[Path]) -> dict[Path, str]:
         words = [rest[1:] for rest in words]
     names = [_cut("".join(rest)) for rest in words]
     often = Counter(names)
-    # The middle, which is cut out, can be all that two long names differ in.
+    # Long names may differ only in the middle, which is cut out.
     numbered = (f"{name} {place}" if often[name] > 1 else name for place, name in enumerate(names, start=1))
     return dict(zip(paths, numbered, strict=True))
 
 
 def _has_letter(words: Sequence[str]) -> bool:
-    """Return whether words say more than a number, as that of a seed."""
+    """Return whether a name consists of more than a number, such as a seed."""
     return any(letter.isalpha() for word in words for letter in word)
 
 

@@ -1,4 +1,4 @@
-"""The first section: what was compared, at what budget, and the result in a few numbers."""
+"""The first section: learners, training budgets, and main results."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def overview(
     seconds : mapping
         Duration of an env step by robot, s; None where it is unknown.
     notes : sequence of str
-        What was left out.
+        Notes about inputs that are not in the report.
     """
     parts: list[Part] = [Note(note) for note in (*notes, *_budgets(found), *_unfinished(found, names))]
     if tiles := _tiles(found):
@@ -55,7 +55,7 @@ def budget_differs(found: Sequence[Learner]) -> bool:
 
 
 def gain(aware: Learner, unaware: Learner) -> tuple[str, str]:
-    """Return how much higher the mean forward reward of the first is, and in how many classes it is ahead."""
+    """Return the relative gain of the first in mean forward reward, and the classes in which it is ahead."""
     ours, theirs = (one.scores().rewards.mean(axis=0) for one in (aware, unaware))
     relative = f"{100 * (ours.mean() / theirs.mean() - 1):+.1f} %" if theirs.mean() > 0 else "n/a"
     return relative, f"{int((ours > theirs).sum())} of {len(ours)}"
@@ -120,7 +120,7 @@ def _tiles(found: Sequence[Learner]) -> list[tuple[str, str]]:
 
 
 def _learners(found: Sequence[Learner], seconds: Mapping[str, float | None]) -> Values:
-    # What a name already says needs no column.
+    # Settings in the name need no column.
     has_settings = any(learner.settings not in learner.name for learner in found)
     has_seeds = any(len(learner.evaluated()) > 1 for learner in found)
     header = ["learner", "robot", *(["settings"] if has_settings else []), "reward", "seeds", "env steps"]

@@ -1,4 +1,4 @@
-"""The page: one HTML file that needs nothing else."""
+"""The page: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Cell:
     Attributes
     ----------
     text : str
-        What it says.
+        Text.
     mark : Mark or None
-        How figures draw what it names.
+        Mark of the learner in figures.
     is_flagged : bool
-        Whether the reader should take care.
+        Whether the cell is highlighted.
     """
 
     text: str
@@ -38,7 +38,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Values:
-    """A table; numbers are formatted already, and stand at the right. With a title it is folded in."""
+    """A table; numbers are formatted and right-aligned. With a title the table is collapsible."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str | Cell]]
@@ -47,7 +47,7 @@ class Values:
 
 @dataclass(frozen=True)
 class Code:
-    """Text as it is in a file, folded in."""
+    """Preformatted text, collapsible."""
 
     title: str
     text: str
@@ -62,21 +62,21 @@ class Text:
 
 @dataclass(frozen=True)
 class Note:
-    """A paragraph that the reader should not miss."""
+    """A highlighted paragraph."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """Numbers that sum everything up, each with a line about it."""
+    """Main results, each a number with a description."""
 
     tiles: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture of a strip: a JPEG file, and a line about it."""
+    """A picture of a strip: a JPEG file and its text."""
 
     jpeg: bytes
     text: str
@@ -84,7 +84,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Strip:
-    """Moments of a walk, side by side."""
+    """Moments of an episode, side by side."""
 
     title: str
     caption: str
@@ -96,7 +96,7 @@ Part = Values | Code | Text | Note | Tiles | Strip
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: words and tables first, then figures, then tables and files that are folded in.
+    """A part of the page: words and tables first, then figures, then collapsible tables and files.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ def _section(section: Section) -> str:
 
 
 def _figures(pictures: Sequence[Picture]) -> str:
-    """Return figures in rows that they fill; what all of them draw alike is explained once."""
+    """Return figures in rows that they fill; with one common legend."""
     if not pictures:
         return ""
     first = set(pictures[0].legend)
@@ -207,7 +207,7 @@ def _rows(pictures: Sequence[Picture]) -> list[list[tuple[Picture, int]]]:
         columns = [THIRD] * len(row)
         for index, picture in enumerate(row):
             left = FULL - sum(columns)
-            # Later ones that can take more share what is left.
+            # Later figures share the remaining columns.
             takers = [other for other in row[index:] if other.widest > THIRD]
             if picture.widest > THIRD:
                 columns[index] = min(picture.widest, THIRD + left // len(takers))
@@ -278,7 +278,7 @@ def _part(part: Part) -> str:
 
 
 def _folded(part: Part) -> str:
-    """Return what a part is folded in under; nothing for one that is not."""
+    """Return the summary of a collapsible part; empty for other parts."""
     return part.title if isinstance(part, Values | Code) else ""
 
 

@@ -1,4 +1,4 @@
-"""A figure with its words, and how it becomes a file or a part of the page."""
+"""A figure with title, caption and legend, as a file or part of the page."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Key:
     mark: Mark
 
     def artist(self) -> Artist:
-        """Return what matplotlib shows of it."""
+        """Return its matplotlib handle."""
         colour, dash, marker = self.mark.colour, self.mark.dash, self.mark.marker
         if not dash and not marker:
             return Patch(color=colour, label=self.label)
@@ -54,13 +54,13 @@ class Picture:
     name : str
         Name of its files, without ending.
     title, caption : str
-        What it shows, in short and in a sentence or two; an empty caption is left out.
+        Title and caption; an empty caption is omitted.
     draw : function
-        From a width, in, to the drawing, without a legend.
+        Function from a width, in, to the drawing, without a legend.
     legend : sequence of Key
-        What is drawn how. The page has it in words above the figure, a file below the axes.
+        Entries of the legend, above the figure in a page and below the axes in a file.
     widest : int
-        Most columns of a page, of 12, that it can fill.
+        Maximum width in a page, in columns of 12.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Picture:
     def inline(self, columns: int) -> str:
         """Draw into an element for a page that has many figures, in colours that follow the page's."""
         svg = _svg(self.draw(drawn_width(columns)))
-        # The page decides how large it is shown.
+        # The page determines the size.
         head, rest = svg[svg.index("<svg") :].split(">", 1)
         head = re.sub(r' (width|height|version|xmlns(:xlink)?)="[^"]*"', "", head)
         head += f' role="img" aria-label="{escape(self.title)}"'
@@ -105,7 +105,7 @@ class Picture:
 
 def _svg(figure: Figure) -> str:
     file = io.StringIO()
-    # Whoever reads the file need not know when and by what it was drawn.
+    # Without date and program, so that equal figures are equal files.
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     figure.savefig(file, format="svg", metadata=nothing)
     return file.getvalue()

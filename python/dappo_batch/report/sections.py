@@ -1,4 +1,4 @@
-"""From what was read to the sections of the page."""
+"""The sections of the page from the inputs."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ __all__ = ["sections"]
 # Columns of the metrics that are drawn: title, unit, and whether they are means over episodes.
 _CURVES = {
     "forward_reward": ("Forward reward", "sum of m/s", True),
+    "evaluation_forward_reward": ("Forward reward of evaluations", "sum of m/s", False),
     "episode_return": ("Return", "sum of rewards", True),
     "fall_rate": ("Falls", "share of episodes", True),
     "explained_variance": ("Explained variance of the returns", "share", False),
@@ -36,7 +37,7 @@ _PLACES = {"A": "on adjacent limbs", "O": "on opposite limbs", "S": "on limbs ne
 
 
 def sections(sources: Sources, *, with_strips: bool) -> list[Section]:
-    """Draw everything; sections without data are left out."""
+    """Return all sections that have data."""
     found = learners(sources.runs)
     names = short_names([run.path for learner in found for run in learner.runs])
     robots = list(dict.fromkeys(learner.robot for learner in found))
@@ -76,7 +77,7 @@ def _of_robot(
         training.curves(
             *(robot, found, column, title, unit),
             weighted=weighted,
-            seconds=seconds if column == "forward_reward" else None,
+            seconds=seconds if column.endswith("forward_reward") else None,
         )
         for column, (title, unit, weighted) in _CURVES.items()
     ]
@@ -136,7 +137,7 @@ def _gains(pairs: Sequence[tuple[Learner, Learner]]) -> Values:
 
 
 def _groups(found: Sequence[Learner]) -> Values:
-    """Return what the groups of damage classes are, and the learners' mean forward rewards in them."""
+    """Return the groups of damage classes, and the learners' mean forward rewards in them."""
     classes = found[0].scores()
     means = [learner.scores().of_groups() for learner in found]
     over_seeds = [mean.over_seeds() for mean in means]
@@ -145,13 +146,13 @@ def _groups(found: Sequence[Learner]) -> Values:
     for index, group in enumerate(means[0].names):
         members = [name for name, of in zip(classes.names, classes.groups, strict=True) if of == group]
         numbers = [f"{rounded(mean[index])} ± {rounded(error[index])}" for mean, error in over_seeds]
-        what = "all classes, of the same weight" if group == "all" else _explained(group, members[0])
+        what = "all classes, equally weighted" if group == "all" else _explained(group, members[0])
         rows.append((group, what, f"{len(members) or len(classes.names)}", *numbers))
     return Values(header, rows)
 
 
 def _explained(group: str, member: str) -> str:
-    """Say what the classes of a group have in common, by the name of one of them and the group's own."""
+    """Return the description of a group, from the name of one of its classes and its own."""
     if "@" not in member:
         return "healthy robot"
     types = sorted(part.partition("@")[0] for part in member.split("+"))

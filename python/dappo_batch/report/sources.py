@@ -1,4 +1,4 @@
-"""What a report is made of: paths, recognised by what they hold."""
+"""Inputs of a report: paths, whose kind is recognised by their content."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class DiagnoserTest:
     Attributes
     ----------
     data : str
-        Name of the dataset; ``validation`` for the rollouts that training left out.
+        Name of the dataset; ``validation`` for the validation rollouts of the training.
     summary : mapping
         Accuracy, its standard error and calibration error, shares from 0 to 1; may be empty.
     names : tuple of str
@@ -88,16 +88,16 @@ class Trace:
         return str(self.table["damage"][-1])
 
     def events(self) -> list[tuple[int, str, str]]:
-        """Return what happened: the row of a step, the event, and the class that the policy is given."""
+        """Return the events: the row of a step, the event, and the assumed class."""
         found = []
-        for row, (events, told) in enumerate(zip(self.table["event"], self.table["told"], strict=True)):
-            found += [(row, event, str(told)) for event in str(events).split("; ") if event]
+        for row, (events, assumed) in enumerate(zip(self.table["event"], self.table["told"], strict=True)):
+            found += [(row, event, str(assumed)) for event in str(events).split("; ") if event]
         return found
 
 
 @dataclass
 class Sources:
-    """Everything that was read, and notes about what was left out."""
+    """All inputs, and notes about those that are not in the report."""
 
     runs: list[Run] = field(default_factory=list)
     tables: list[Table1] = field(default_factory=list)
@@ -106,7 +106,7 @@ class Sources:
     notes: list[str] = field(default_factory=list)
 
     def summary(self) -> str:
-        """Return how many of each kind there are, in words."""
+        """Return the number of inputs of each kind as text."""
         kinds: dict[str, Sequence[object]] = {
             "run": self.runs,
             "sweep of diagnosers": self.tables,
@@ -123,12 +123,12 @@ def _plural(kind: str, count: int) -> str:
 
 
 def read(paths: Sequence[str | bytes | PathLike[str]]) -> Sources:
-    """Read every path; one that is given twice is read once.
+    """Read all paths, each only once.
 
     Raises
     ------
     ConfigError
-        If there is no path, or one does not exist or holds nothing that a report knows.
+        If there is no path, or one does not exist or is of an unknown kind.
     CheckpointError
         If a file cannot be read.
     """
@@ -225,7 +225,7 @@ def _diagnoser(path: Path, config: Mapping[str, Any]) -> Diagnoser:
 
 def _test(path: Path) -> DiagnoserTest:
     table = read_csv(path)
-    # The corner of the table says what rows and columns are.
+    # The corner of the table names rows and columns.
     corner, *classes = table
     names = tuple(classes)
     if tuple(table[corner].astype(str)) != names:

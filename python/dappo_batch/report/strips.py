@@ -27,13 +27,13 @@ _STEPS = 200
 """Env steps of an episode that is drawn: 10 s of the Ant."""
 _FRAMES = 6
 _MOST = 4
-"""Learners of a robot that are drawn: each takes about two seconds."""
+"""Maximum number of learners for each robot: each takes about two seconds."""
 _SIZE = (320, 240)
 
 
 @dataclass(frozen=True)
 class _Episode:
-    """The positions, the forward velocities, m/s, and whether the robot fell."""
+    """An episode, its forward velocities, m/s, and whether the robot fell."""
 
     walk: Walk
     velocities: list[float]
@@ -43,7 +43,7 @@ class _Episode:
 def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
     """Draw an episode of each learner's first seed with one damage class, the same for all.
 
-    Where nothing can be drawn, a note says why.
+    If an episode cannot be drawn, a note contains the reason.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ STYLE: Any = {
     # The same figure is the same file.
     "svg.hashsalt": "dappo-batch",
     "text.color": INK,
-    # A dollar sign in a name is no formula.
+    # A dollar sign in a name does not start a formula.
     "text.parse_math": False,
     "xtick.color": MUTED,
     "xtick.labelcolor": INK,

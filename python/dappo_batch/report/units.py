@@ -1,4 +1,4 @@
-"""From forward rewards to metres: how long an env step of a run lasts."""
+"""Duration of an env step, to convert forward rewards to metres."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dappo_batch._core import DappoError
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import load_robot
 from dappo_batch.robots.copies import COPY_TOML
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 from dappo_batch.runs import Run
 from dappo_batch.runs.robot_of_run import COPY
@@ -22,7 +22,7 @@ def step_seconds(run: Run) -> float | None:
     copy = run.path / COPY / COPY_TOML
     try:
         robot = load_robot(copy if copy.is_file() else run.robot)
-        refuse(f"the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
+        raise_faults(f"the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
         with quiet_mujoco():
             timestep = float(read_mjcf(robot.mjcf_path).option.timestep)
     except (DappoError, OSError):

@@ -10,11 +10,11 @@ _UNKNOWN = "n/a"
 
 
 def rounded(value: float | None, digits: int = 1) -> str:
-    """Return a number with so many digits after the point, or that it is unknown."""
+    """Return a number with `digits` decimals, or a text for unknown values."""
     if value is None or not np.isfinite(value):
         return _UNKNOWN
     text = f"{value:.{digits}f}"
-    # Nobody expects a sign at zero.
+    # Zero has no sign.
     return text if float(text) else text.lstrip("-")
 
 

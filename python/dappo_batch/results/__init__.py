@@ -1,10 +1,10 @@
-"""What functions return, as frozen dataclasses.
+"""Results of functions, as frozen dataclasses.
 
-Those of commands have the numbers that ``--json`` prints. `Event`, `Change` and `Meta` are read from JSON by
-their `from_dict`.
+Those of commands contain the output of ``--json``. `Event`, `Change` and `Meta` are read from JSON by their
+`from_dict`.
 
-A forward reward is the mean over episodes of the sum of forward velocities, m/s. What cannot be known, as the
-standard error of a single episode, is None.
+A forward reward is the mean over episodes of the sum of forward velocities, m/s. Undefined values, such as
+the standard error of a single episode, are None.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from __future__ import annotations
 from dappo_batch.results.adaptation import (
     AdaptationReport,
     AdaptationSummary,
+    AssumedClass,
     ClassOutcome,
     DecisionTime,
     Event,
-    Told,
     Trial,
 )
 from dappo_batch.results.base import Result
@@ -38,6 +38,7 @@ from dappo_batch.results.runs import Change, Meta
 __all__ = [
     "AdaptationReport",
     "AdaptationSummary",
+    "AssumedClass",
     "Change",
     "ClassComparison",
     "ClassOutcome",
@@ -60,6 +61,5 @@ __all__ = [
     "RunEvaluation",
     "RunSummary",
     "Side",
-    "Told",
     "Trial",
 ]

@@ -1,4 +1,4 @@
-"""Events of a controller, and what `adapt` found, as frozen dataclasses."""
+"""Events of a controller, and results of `adapt`, as frozen dataclasses."""
 
 from __future__ import annotations
 
@@ -10,12 +10,20 @@ from dappo_batch._checks import mapping, shown
 from dappo_batch._core import ConfigError
 from dappo_batch.results.base import Result, entry
 
-__all__ = ["AdaptationReport", "AdaptationSummary", "ClassOutcome", "DecisionTime", "Event", "Told", "Trial"]
+__all__ = [
+    "AdaptationReport",
+    "AdaptationSummary",
+    "AssumedClass",
+    "ClassOutcome",
+    "DecisionTime",
+    "Event",
+    "Trial",
+]
 
 
 @dataclass(frozen=True)
 class Trial(Result):
-    """What was tried: damage classes, episodes of each, the step at which damage strikes, and the seed."""
+    """Setting of a trial: damage classes, episodes of each class, onset in env steps, and the seed."""
 
     classes: tuple[int, ...]
     episodes: int
@@ -24,8 +32,8 @@ class Trial(Result):
 
 
 @dataclass(frozen=True)
-class Told(Result):
-    """A damage class by its name, and the number of episodes at whose end the policy was told it."""
+class AssumedClass(Result):
+    """A damage class by its name, and the number of episodes in which it was the assumed class at the end."""
 
     name: str
     episodes: int
@@ -33,39 +41,39 @@ class Told(Result):
 
 @dataclass(frozen=True)
 class ClassOutcome(Result):
-    """A controller with one damage class.
+    """Results of a controller with one damage class.
 
     Attributes
     ----------
     damage_class, name
         The class.
     episodes, ended_before : int
-        Episodes in which the damage struck, and those that ended before; the latter count for nothing else.
+        Episodes that reached the onset, and episodes that ended before it, which are not counted anywhere
+        else.
     false_alarms : int
-        Episodes with a suspicion before the damage, or at all if the robot stays healthy.
+        Episodes with a suspicion before the onset, or with any suspicion if the robot stays healthy.
     detected : int
-        Episodes in which damage was suspected after it struck.
+        Episodes with a suspicion after the onset.
     median_delay, median_recovery : float or None
-        Env steps from the damage to the suspicion, and to a recovery, where there was one.
+        Env steps from the onset to the suspicion, and to the recovery, over the episodes that had one.
     right_at_first, right_at_last : int
-        Episodes whose first diagnosis was right, and those in which the policy was told the right class at
-        the end.
-    told : tuple of Told
-        What the policy was told in the end, the most frequent first.
+        Episodes whose first diagnosis was correct, and episodes whose assumed class was correct at the end.
+    told : tuple of AssumedClass
+        The assumed classes at the end of the episodes, the most frequent first.
     examinations : float
-        Examinations an episode.
+        Mean number of diagnosis windows of an episode.
     recovered : int
-        Episodes in which the robot was diagnosed after the damage, neither fell nor stood still, and kept at
-        least four fifths of the speed that the oracle keeps.
+        Episodes in which damage was diagnosed after the onset and the robot neither fell nor stood still and
+        kept at least 80 % of the oracle's speed over the last 200 env steps.
     falls, stood_still : int
-        Episodes that ended in failure, and those that ended at less than a tenth of the speed before the
-        damage.
+        Episodes that ended with a fall, and episodes without a fall in which the robot kept less than a tenth
+        of the speed before the onset over the last 200 env steps.
     velocity_before, velocity_kept, oracle_velocity_kept : float or None
-        Forward velocity before the damage, over the last 200 env steps, and that of the oracle over the last
-        200, m/s. A robot that fell has 0; the oracle has none for damage that it does not know.
+        Forward velocity before the onset, over the last 200 env steps, and that of the oracle over the last
+        200, m/s. It is 0 after a fall, and None for the oracle if the policy was not trained on the damage.
     adapted, oracle, unadapted, unaware : float or None
-        Forward reward of the controller; of a policy that is told the truth at once, unless it does not know
-        the damage; of the policy that takes the robot for healthy; and of PPO-Unaware, if there is one.
+        Forward reward of the controller; of the oracle, if the policy was trained on the damage; of the
+        policy without adaptation; and of PPO-Unaware, if it was given.
     """
 
     damage_class: int
@@ -77,7 +85,7 @@ class ClassOutcome(Result):
     median_delay: float | None
     right_at_first: int
     right_at_last: int
-    told: tuple[Told, ...]
+    told: tuple[AssumedClass, ...]
     examinations: float | None
     recovered: int
     median_recovery: float | None
@@ -94,7 +102,7 @@ class ClassOutcome(Result):
 
 @dataclass(frozen=True)
 class DecisionTime(Result):
-    """How long a controller took for an env step of all its robots, ms."""
+    """Time of a controller for one env step of all its robots, ms."""
 
     robots: int
     median: float | None
@@ -104,32 +112,32 @@ class DecisionTime(Result):
 
 @dataclass(frozen=True)
 class AdaptationSummary(Result):
-    """What `adapt` says in a few numbers; shares lie between 0 and 1, and are None without such episodes.
+    """Summary of `adapt`. Shares are between 0 and 1, and None without such episodes.
 
     Attributes
     ----------
     classes : tuple of ClassOutcome
-        One entry a damage class, in the order of the trial.
+        One entry for each damage class, in the order of the trial.
     healthy_without_alarm : float or None
-        Share of the healthy episodes without any suspicion.
+        Share of the healthy episodes without a suspicion.
     severe_episodes : int
-        Episodes of damages that cost more than half of the speed when nothing is done about them.
+        Episodes with damage that reduces the speed by more than half without adaptation.
     severe_detected, severe_median_delay : float or None
-        Share of them in which damage was suspected, and the median number of env steps that this took.
+        Share of them with a suspicion after the onset, and the median number of env steps until then.
     right_at_first, right_at_last : float or None
-        Shares of the damaged episodes whose first diagnosis was right, and whose policy was told the right
-        class in the end.
+        Shares of the damaged episodes whose first diagnosis was correct, and whose assumed class was correct
+        at the end.
     recovered, stood_still, fell : float or None
-        Shares of the damaged episodes: those in which the robot recovered, of the damages that the policy
-        knows, those at whose end it stood still, and those that ended in failure.
+        Shares of the damaged episodes: recovered (over damage that the policy was trained on), stood still,
+        and fell.
     kept_of_oracle, kept_of_healthy : float or None
-        Forward velocity over the last 200 env steps with the damages that the policy knows, as a share of
-        the oracle's, and of that before the damage.
+        Forward velocity over the last 200 env steps as a share of the oracle's, and of that before the onset,
+        over damage that the policy was trained on.
     adapted_share, unadapted_share, unaware_share : float or None
-        Forward reward over the damages that the policy knows, as a share of the oracle's: of the controller,
-        of the policy that takes every robot for healthy, and of PPO-Unaware.
+        Forward reward as a share of the oracle's, over damage that the policy was trained on: of the
+        controller, of the policy without adaptation, and of PPO-Unaware.
     decision_ms : DecisionTime
-        How long the controller took.
+        Time of the controller for an env step.
     """
 
     classes: tuple[ClassOutcome, ...]
@@ -152,9 +160,9 @@ class AdaptationSummary(Result):
 
 @dataclass(frozen=True)
 class AdaptationReport(Result):
-    """What `adapt` found: the trial, its summary and, for a single damage, the events of each episode.
+    """Result of `adapt`: the trial, its summary and, for a single damage class, the events of each episode.
 
-    An event is a dict with the keys of the JSON; `Event.from_dict` reads it.
+    Events are dicts with the keys of the JSON; `Event.from_dict` reads them.
     """
 
     trial: Trial
@@ -164,28 +172,29 @@ class AdaptationReport(Result):
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a `Controller` noticed or did. What does not belong to its kind is None.
+    """An event of a `Controller`. Attributes that do not belong to its kind are None.
 
     Attributes
     ----------
     kind : str
         ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``readings_lost`` or ``readings_back``.
     step : int
-        Control steps since the start of the robot.
+        Control steps since the reset of the robot.
     robot : int
         Index of the robot.
     damage_class : int
-        The most probable class (``diagnosed``), the one that the policy is told from now on (``adapted``), or
-        the one that had been named (``withdrawn``).
+        The diagnosed class (``diagnosed``), the new assumed class (``adapted``), or the class of the
+        withdrawn diagnosis (``withdrawn``).
     confidence : float
-        Its probability (``diagnosed``).
+        Probability of the diagnosed class (``diagnosed``).
     accepted : bool
-        Whether that was enough to believe it (``diagnosed``).
+        Whether the confidence is high enough for an adaptation (``diagnosed``).
     forward_velocity, expected : float
-        Mean forward velocity over the last steps, and that of the class that the policy is told, m/s
+        Mean forward velocity over the last steps, and the expected one with the assumed class, m/s
         (``suspected``).
     residual : float
-        Median residual over the last steps (``suspected``), or of the twin with the damage (``withdrawn``).
+        Median residual over the last steps (``suspected``), or of the twin with the diagnosed damage
+        (``withdrawn``).
     healthy : float
         Median residual of the healthy twin (``withdrawn``).
     faults : int
@@ -206,12 +215,12 @@ class Event:
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Event:
-        """Read an event as `adapt` and its JSON give it.
+        """Read an event from its JSON object.
 
         Raises
         ------
         ConfigError
-            If it has no kind or no step, or an entry has the wrong type.
+            If it has no kind or no step, or an entry has a wrong type.
         """
         what = "an event"
         found = mapping(found, what)

@@ -1,4 +1,4 @@
-"""What all results have in common: dataclasses of what JSON holds."""
+"""Base of all results: dataclasses that can be written as JSON."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ _T = TypeVar("_T")
 _R = TypeVar("_R", bound="Result")
 
 _KEYS = {"damage_class": "class"}
-"""Keys of JSON that cannot be names in Python."""
+"""JSON keys that are reserved words in Python, by field."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What all results have in common."""
+    """Base of all results."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON can hold it, with the keys that ``--json`` prints."""
+        """Return a dictionary that can be written as JSON, with the keys that ``--json`` prints."""
         names = (field.name for field in fields(self))
         return {_KEYS.get(name, name): _plain(getattr(self, name)) for name in names}
 
     @classmethod
     def from_dict(cls: type[_R], found: Mapping[str, Any]) -> _R:
-        """Make a result from what `to_dict` returns."""
+        """Create a result from the dictionary of `to_dict`."""
         return cls(**{name: _typed(kind, found[_KEYS.get(name, name)]) for name, kind in _kinds(cls).items()})
 
 
@@ -59,12 +59,12 @@ def _plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def entry(found: Mapping[str, Any], name: str, kind: type[_T], what: str) -> _T | None:
-    """Return an entry of the right type; None where there is none.
+    """Return an entry after a check of its type; None if it is missing.
 
     Raises
     ------
     ConfigError
-        If it has another type; `what` says of what it is an entry.
+        If it has another type; the message begins with `what`.
     """
     value = found.get(name)
     if value is None:

@@ -1,4 +1,4 @@
-"""The training of a diagnoser epoch by epoch, and tests of it."""
+"""Results of training and evaluating a diagnoser."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ class EpochMetrics(Result):
     Attributes
     ----------
     epoch : int
-        Its number, from 1.
+        Number of the epoch, from 1.
     train_loss, validation_loss : float
-        Mean losses: of the training samples before the steps that they took part in, with dropout, and of the
-        validation samples after the epoch.
+        Mean losses: of the training samples during the epoch, with dropout, and of the validation samples
+        after it.
     validation_accuracy : float
-        Share of the validation samples whose class was named.
+        Share of the validation samples that are classified correctly.
     learning_rate : float
-        That of the last step.
+        Learning rate of the last optimiser step.
     samples : int
-        Samples trained on so far.
+        Training samples so far.
     seconds, samples_per_second : float
-        Time of the training steps, s, and their rate.
+        Time of the optimiser steps, s, and their rate.
     """
 
     epoch: int
@@ -42,20 +42,21 @@ class EpochMetrics(Result):
 
 @dataclass(frozen=True)
 class DiagnosisSummary(Result):
-    """A diagnoser on a dataset in a few numbers.
+    """Summary of a diagnoser on a dataset.
 
     Attributes
     ----------
     rollouts, windows : int
-        What was diagnosed.
+        Number of rollouts and of diagnosis windows.
     accuracy, standard_error : float
-        Share of the windows whose class was named, and its standard error over rollouts.
+        Share of the windows that are classified correctly, and its standard error over rollouts.
     held_out_accuracy : float or None
-        Accuracy on classes that were not trained on, if there are any.
+        Accuracy on classes that are not in the training data, if there are any.
     log_loss : float
         Mean of -ln p(true class).
     calibration_error : float
-        Mean distance of confidence and accuracy over the bins, weighted by their windows.
+        Expected calibration error: mean absolute difference of confidence and accuracy over bins, weighted by
+        their windows.
     """
 
     rollouts: int
@@ -69,7 +70,11 @@ class DiagnosisSummary(Result):
 
 @dataclass(frozen=True)
 class Mistake(Result):
-    """A class that is called another: its share of the windows, and the policy's reward told either."""
+    """A misclassification of `damage_class` as `named`.
+
+    ``share`` is its share of the windows of the class; ``told_truth`` and ``told_mistake`` are the forward
+    rewards of the policy with the code of the true and of the diagnosed class.
+    """
 
     damage_class: str
     named: str
@@ -80,9 +85,11 @@ class Mistake(Result):
 
 @dataclass(frozen=True)
 class Cost(Result):
-    """What wrong diagnoses cost a policy: its mean forward reward told the truth, and told the diagnoses.
+    """Cost of misclassifications for a policy.
 
-    ``gait_equivalent_accuracy`` is the second as a share of the first; ``mistakes`` begin with the costliest.
+    ``told_truth`` and ``told_diagnosis`` are its mean forward rewards with the code of the true and of the
+    diagnosed class, ``gait_equivalent_accuracy`` the second as a share of the first. ``mistakes`` are in
+    descending order of their cost.
     """
 
     told_truth: float
@@ -93,20 +100,20 @@ class Cost(Result):
 
 @dataclass(frozen=True)
 class DiagnoserReport(Result):
-    """A diagnoser on a dataset, by their folders.
+    """Evaluation of a diagnoser on a dataset.
 
     Attributes
     ----------
     model, data : str
-        The folders.
+        Folders of the diagnoser and of the dataset.
     summary : DiagnosisSummary
-        The essence.
+        Summary over all windows.
     cost : Cost or None
-        What mistakes cost, if a policy was given.
+        Cost of misclassifications, if a policy was given.
     classes : tuple of str
         Names of the damage classes.
     class_accuracy : tuple of float
-        Share of the windows of each class that were named.
+        Share of the windows of each class that are classified correctly.
     """
 
     model: str

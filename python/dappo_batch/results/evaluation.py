@@ -23,12 +23,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ClassResult(Result):
-    """A policy with one damage class: its number, name and group, and means over episodes.
+    """Results of a policy with one damage class, as means over episodes.
 
     ``forward_reward`` is the sum of the forward velocity (m/s) over the env steps of an episode,
-    ``forward_velocity`` its mean over all steps in m/s, ``distance`` what it makes in an episode, m.
-    ``episode_length`` is in env steps; ``falls`` counts episodes that ended in failure, ``diverged`` those
-    among them whose physics diverged.
+    ``forward_velocity`` its mean over all steps in m/s, ``distance`` the distance of an episode in m.
+    ``episode_length`` is in env steps; ``falls`` counts terminated episodes, ``diverged`` those among them
+    whose physics diverged.
     """
 
     damage_class: int
@@ -47,9 +47,9 @@ class ClassResult(Result):
 
 @dataclass(frozen=True)
 class GroupResult(Result):
-    """A policy with a group of damage classes, each of the same weight; the group ``all`` holds every class.
+    """Results of a policy with a group of equally weighted damage classes; ``all`` contains every class.
 
-    The standard error is that over episodes, and does not include the spread between classes.
+    The standard error is over episodes and does not include the spread between classes.
     """
 
     group: str
@@ -70,17 +70,17 @@ class RunEvaluation(Result):
     Attributes
     ----------
     run : str
-        Its run folder.
+        The run folder.
     seed, env_steps : int
-        Seed of its training, and the env steps that its policy was trained for.
+        Seed of the training, and env steps that the policy was trained for.
     encoding : str
-        What the policy was told: ``true``, ``zero``, ``wrong`` or ``random``.
+        Damage code that the policy received: ``true``, ``zero``, ``wrong`` or ``random``.
     backend, precision, device, physics : str
-        What simulated.
+        Simulation of the episodes.
     classes : tuple of ClassResult
-        One entry a damage class, in the order of their numbers.
+        One entry for each damage class, in the order of their ids.
     groups : tuple of GroupResult
-        One entry a group, and one for all classes.
+        One entry for each group, and one for all classes.
     """
 
     run: str
@@ -120,7 +120,7 @@ class Side(Result):
 
 @dataclass(frozen=True)
 class Estimate(Result):
-    """A number with its interval."""
+    """An estimate with its confidence interval."""
 
     value: float
     low: float
@@ -129,7 +129,7 @@ class Estimate(Result):
 
 @dataclass(frozen=True)
 class Gain(Result):
-    """How much more one learner reaches than another, on average over some damage classes.
+    """Difference between two learners, averaged over damage classes.
 
     ``absolute`` is the difference of the means, m/s; ``relative`` their ratio minus 1, or None if the other
     mean is not above 0 in every resample.
@@ -142,30 +142,30 @@ class Gain(Result):
 
 @dataclass(frozen=True)
 class ComparisonSummary(Result):
-    """A comparison in a few numbers.
+    """Summary of a comparison.
 
     Attributes
     ----------
     runs, others : Side
-        The side whose gain is asked for, and the one that it is compared with.
+        The side whose gain is computed, and the one with which it is compared.
     episodes, evaluation_seed : int
         Episodes of each class and run, and the seed of their start states and of the resamples.
     backend, precision, device, physics : str
-        What simulated.
+        Simulation of the episodes.
     classes_won : int
-        Classes in which the first side is ahead on average over its seeds.
+        Classes in which the first side has the higher mean over its seeds.
     share_won : float
-        Their share, 0 to 1.
+        Share of these classes, 0 to 1.
     gain : Gain
         Over all classes.
     adjacent_pairs, opposite_pairs : Gain or None
-        Over the classes with two damages on such limbs, if the robot has any.
+        Over the classes with two damages on adjacent or opposite limbs, if the robot has any.
     resamples : int
-        Resamples of each interval.
+        Bootstrap resamples of each interval.
     confidence : float
-        Share of the resamples inside an interval.
+        Confidence level of the intervals, 0 to 1.
     intervals_cover : str
-        What was drawn anew in each resample.
+        What each resample draws.
     """
 
     runs: Side
@@ -201,7 +201,7 @@ class ClassComparison(Result):
 
 @dataclass(frozen=True)
 class Comparison(Result):
-    """A comparison of two learners, in a few numbers and class by class."""
+    """A comparison of two learners: summary, and class by class."""
 
     summary: ComparisonSummary
     classes: tuple[ClassComparison, ...]
@@ -209,7 +209,7 @@ class Comparison(Result):
 
 @dataclass(frozen=True)
 class EvaluationReport(Result):
-    """What `evaluate` found: its ``runs``, the ``others`` of ``compare``, and their comparison, if any."""
+    """Result of `evaluate`: its ``runs``, the ``others`` of ``compare``, and their comparison, if any."""
 
     runs: tuple[RunEvaluation, ...]
     others: tuple[RunEvaluation, ...]

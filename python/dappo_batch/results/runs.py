@@ -1,4 +1,4 @@
-"""What made a run, as frozen dataclasses; `from_dict` reads them from JSON."""
+"""Metadata of a run, as frozen dataclasses; `from_dict` reads them from JSON."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ __all__ = ["Change", "Meta"]
 
 @dataclass(frozen=True)
 class Change:
-    """A setting that changed when a run went on.
+    """A setting that changed when a run was resumed.
 
     Attributes
     ----------
     key : str
-        Its dotted key.
+        Dotted key of the setting.
     before, after : object
-        Its values until then and from then on; None if it was absent.
+        Its values before and after the change; None if it was absent.
     iteration, env_steps : int
-        Iterations and env steps that were done before.
+        Iterations and env steps before the change.
     """
 
     key: str
@@ -53,14 +53,14 @@ class Change:
 
 @dataclass(frozen=True)
 class Meta:
-    """What made a run, ``meta.json``; None is what a run of an older version lacks.
+    """Metadata of a run, ``meta.json``; entries that a run of an older version lacks are None.
 
     Attributes
     ----------
     version, mujoco : str
         Versions of this package and of MuJoCo.
     backend, precision, device, physics : str
-        What simulated the training, and the integrator.
+        Simulation of the training, and the integrator.
     reward : str
         Name of the reward function.
     threads : int
@@ -70,7 +70,7 @@ class Meta:
     command : tuple of str
         The command that started the run.
     changes : tuple of Change
-        Settings that changed when the run went on, in order.
+        Settings that changed when the run was resumed, in order.
     """
 
     version: str | None = None

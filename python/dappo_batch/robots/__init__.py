@@ -1,7 +1,7 @@
-"""Robots: an MJCF file and a robot TOML each, without any code.
+"""Robots: an MJCF file and a robot TOML each, without code.
 
-A robot is added by putting ``<name>.xml`` and ``<name>.toml`` into this folder, or by giving the path of a
-robot TOML anywhere on disk wherever a robot's name is asked for.
+A robot is added by putting ``<name>.xml`` and ``<name>.toml`` into this folder. Every argument for a robot
+also accepts the path of a robot TOML.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from typing import Any
 
 from dappo_batch._checks import folder
 from dappo_batch._core import ConfigError, robot_faults
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 
 __all__ = ["DEFAULT_ROBOT", "ROBOTS", "Limb", "Robot", "built_in_config", "load_robot"]
 
 _FOLDER = Path(__file__).resolve().parent
 
 ROBOTS: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
-"""Names of the robots that come with the package."""
+"""Names of the built-in robots."""
 
 DEFAULT_ROBOT = "ant"
-"""The robot that commands use when none is named."""
+"""The default robot of commands."""
 
 _CONFIGS = _FOLDER.parent / "configs"
 
@@ -39,13 +39,13 @@ class Limb:
     Attributes
     ----------
     name : str
-        Name for people.
+        Name in messages.
     body : str
         Root body of the limb in the MJCF.
     joints : tuple of str
         Joints from the torso outwards.
     toe_geom : str or None
-        Geom of the lowest segment, which the damage type ``missing_toe`` shortens and no other type needs.
+        Geom of the lowest segment, needed only for the damage type ``missing_toe``, which shortens it.
     touch : str or None
         Touch sensor of the limb.
     touch_site : str or None
@@ -62,16 +62,16 @@ class Limb:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot TOML that was read and checked.
+    """A robot TOML after its check.
 
     Attributes
     ----------
     name : str
         Name of the robot.
     toml_text : str
-        The robot TOML as it stands in the file.
+        Text of the robot TOML.
     path : pathlib.Path
-        Where the robot TOML lies.
+        Path of the robot TOML.
     spec : dict
         The parsed robot TOML.
     """
@@ -88,7 +88,7 @@ class Robot:
 
     @property
     def main_body(self) -> str:
-        """Body whose x position gives the forward velocity."""
+        """Body whose x position defines the forward velocity."""
         return str(self.spec["main_body"])
 
     @cached_property
@@ -103,7 +103,7 @@ class Robot:
 
     @property
     def max_damaged_limbs(self) -> int:
-        """Largest number of limbs that are damaged at once."""
+        """Maximum number of damaged limbs."""
         return int(self.spec["damage"]["max_damaged_limbs"])
 
     def damage_options(self, damage_type: str) -> dict[str, Any]:
@@ -112,7 +112,7 @@ class Robot:
 
 
 def built_in_config(robot: str | None = None) -> tuple[str, str] | None:
-    """Read the training configuration that comes with a robot.
+    """Read the training configuration of a built-in robot.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def built_in_config(robot: str | None = None) -> tuple[str, str] | None:
     Returns
     -------
     tuple of str or None
-        File name and TOML text; None for a robot that comes without one.
+        File name and TOML text; None for a robot without one.
     """
     path = _CONFIGS / f"{robot or DEFAULT_ROBOT}.toml"
     if robot is not None and robot not in ROBOTS:
@@ -155,28 +155,28 @@ def load_robot(name_or_path: str | Path) -> Robot:
         if path.suffix != ".toml":
             raise ConfigError(
                 f"unknown robot {str(name_or_path)!r}: expected one of {', '.join(ROBOTS)}, or the path of a"
-                " robot TOML (a file that ends in .toml and names an MJCF; copy robots/ant.toml to write one)"
+                " robot TOML (a file that ends in .toml; copy robots/ant.toml to write one)"
             )
     text = _read(path)
     faults = robot_faults(text)
-    refuse(f"the robot TOML {path}", faults)
+    raise_faults(f"the robot TOML {path}", faults)
     try:
         spec = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"the robot TOML {path} is not valid TOML 1.0: {error}") from error
     robot = Robot(name=spec["name"], toml_text=text, path=path.resolve(), spec=spec)
-    # Unlike those of pathlib it answers no, instead of failing, to a name that is too long.
+    # Unlike pathlib's functions it returns False for a name that is too long.
     if not os.path.isfile(robot.mjcf_path):
-        raise ConfigError(f"{path}: mjcf = {spec['mjcf']!r} names no file beside the robot TOML")
+        raise ConfigError(f"{path}: mjcf = {spec['mjcf']!r} is not a file in the folder of the robot TOML")
     return robot
 
 
 def _read(path: Path) -> str:
     try:
         if path.exists() and not path.is_file():
-            raise ConfigError(f"cannot read the robot TOML {path}: it is no regular file")
+            raise ConfigError(f"cannot read the robot TOML {path}: it is not a regular file")
         with path.open("rb") as file:
-            # One byte more than is read of the largest one, so that the check finds it too long.
+            # One byte more than the limit, so that the check fails for larger files.
             return file.read(_MOST_BYTES + 1).decode("utf-8")
     except OSError as error:
         raise ConfigError(f"cannot read the robot TOML {path}: {error.strerror or error}") from error

@@ -1,7 +1,7 @@
-"""Copies of a robot: all its files in one folder, and what sets two versions of a robot apart.
+"""Copies of a robot: all its files in one folder, and the differences of two versions of a robot.
 
-A run keeps such a copy of the robot that it was trained on, and so do datasets and diagnosers: a damage code
-means nothing without the robot whose damage it is. Exports keep one to be of use anywhere.
+Runs, datasets and diagnosers contain a copy of their robot, because it defines the meaning of a damage code.
+Exports contain one so that they can be used anywhere.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dappo_batch._core import CheckpointError, ConfigError, read_file
 from dappo_batch.damage import make_damage_type
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
-from dappo_batch.robots.faults import refuse
+from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.flatten import flatten, lines, needed_files
 from dappo_batch.robots.mjcf import MOST_ASSET_BYTES, mjcf_faults, read_mjcf
 
@@ -39,27 +39,27 @@ _FORMAT = "dappo-batch robot 1"
 _MJCF, _HEADER = "robot.xml", "robot.json"
 _HEADER_BYTES = 1 << 20
 _SHOWN = 8  # differences, or lines of one, that a message lists
-_WIDTH = 160  # characters of a value or a line in a message
+_WIDTH = 160  # characters of a value or line in a message
 _MJCF_ENTRY = re.compile(r"""^[ \t]*(mjcf|"mjcf"|'mjcf')[ \t]*=.*$""", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class RobotCopy:
-    """The files of a robot, and what its damage codes mean.
+    """The files of a robot, and the settings of its damage.
 
     Attributes
     ----------
     origin : str
-        Name of the robot, or path of its TOML, that was copied.
+        Name of the copied robot, or path of its TOML.
     files : dict
-        Contents by name: ``robot.toml``, ``robot.xml`` (the MJCF without includes) and what they need.
+        Contents by name: ``robot.toml``, ``robot.xml`` (the MJCF without includes) and other files.
     damage : dict
         Damage types in the order of the code, ``max_damaged_limbs``, ``severity``, and the parameters of each
         type.
     sources : dict
-        MJCF files that were read, by their name beside the first: SHA-256 of what they say.
+        SHA-256 of the content of the original MJCF files, by their path relative to the first one.
     assets : dict
-        Names that meshes and textures had, by the names that they have.
+        Original names of meshes and textures, by their names in the copy.
     """
 
     origin: str
@@ -85,7 +85,7 @@ class RobotCopy:
             If a file is missing or cannot be copied.
         """
         loaded = load_robot(robot)
-        refuse(f"robot {loaded.name}: the MJCF {loaded.mjcf_path}", mjcf_faults(loaded.mjcf_path))
+        raise_faults(f"robot {loaded.name}: the MJCF {loaded.mjcf_path}", mjcf_faults(loaded.mjcf_path))
         flattened = flatten(loaded.mjcf_path)
         files = {COPY_TOML: _with_mjcf(loaded).encode(), _MJCF: flattened.text.encode()}
         files |= {name: text.encode() for name, text in flattened.documents.items()}
@@ -120,7 +120,7 @@ class RobotCopy:
             raise _broken(folder / _HEADER, f"it is truncated or foreign ({error})") from error
 
     def to_write(self) -> dict[str, bytes]:
-        """Return the files of a folder that `read` reads, by name; the last one makes it complete."""
+        """Return the files of a folder for `read`, by name; the last one must be written last."""
         header = {
             "format": _FORMAT,
             "origin": self.origin,
@@ -135,12 +135,12 @@ class RobotCopy:
         return {**self.files, _HEADER: (json.dumps(header, indent=2) + "\n").encode()}
 
     def check(self) -> None:
-        """Check that MuJoCo makes the same of the copy as of the original.
+        """Check that MuJoCo compiles the copy and the original to the same model.
 
         Raises
         ------
         ConfigError
-            If it does not: the MJCF needs something that cannot be copied.
+            If it does not, as the MJCF needs something that cannot be copied.
         """
         original = load_robot(self.origin).mjcf_path
         with tempfile.TemporaryDirectory() as folder:
@@ -158,39 +158,39 @@ class RobotCopy:
         if array := _first_difference(*models):
             raise ConfigError(
                 f"the robot {self.origin} cannot be copied: {array} of the copy differs;"
-                f" write {original} without what MuJoCo alone can find"
+                f" remove references from {original} that only MuJoCo can resolve"
             )
 
     def differences(self, other: RobotCopy, *, ignoring: tuple[str, ...] = ()) -> list[str]:
-        """Say in words what sets another version of the robot apart from this one.
+        """Describe the differences of another version of the robot.
 
         Parameters
         ----------
         other : RobotCopy
             The other version.
         ignoring : tuple of str
-            Entries of the robot TOML that do not count; ``damage`` is what the damage code means.
+            Entries of the robot TOML to ignore; ``damage`` stands for all settings of the damage.
 
         Returns
         -------
         list of str
-            One entry each; none if both are the same robot.
+            One entry for each difference; empty if there are none.
         """
-        said = []
+        entries = []
         ignored = {"mjcf", "damage", *ignoring}
         one, two = ({k: v for k, v in copy.spec.items() if k not in ignored} for copy in (self, other))
-        said += [f"{_name(self.origin)}: {change}" for change in _changes(one, two)]
+        entries += [f"{_name(self.origin)}: {change}" for change in _changes(one, two)]
         if "damage" not in ignoring:
-            said += self.damage_changes(other.damage)
-        said += self._mjcf_differences(other)
+            entries += self.damage_changes(other.damage)
+        entries += self._mjcf_differences(other)
         for name in sorted(self.assets.keys() & other.assets.keys()):
             digests = [_sha256(copy.files[name]) for copy in (self, other)]
             if digests[0] != digests[1]:
-                said.append(f"{other.assets[name]}: SHA-256 {digests[0][:12]}… → {digests[1][:12]}…")
-        return said
+                entries.append(f"{other.assets[name]}: SHA-256 {digests[0][:12]}… → {digests[1][:12]}…")
+        return entries
 
     def damage_changes(self, settings: Mapping[str, Any]) -> list[str]:
-        """Say what sets other settings of the damage apart; see `damage_settings`."""
+        """Describe the differences of other settings of the damage; see `damage_settings`."""
         return [f"{_name(self.origin)}: {change}" for change in _changes(self.damage, settings, "damage")]
 
     @property
@@ -199,8 +199,8 @@ class RobotCopy:
         return tomllib.loads(self.files[COPY_TOML].decode())
 
     def _mjcf_differences(self, other: RobotCopy) -> list[str]:
-        """Return the elements that differ, under the names of the files that do."""
-        said = []
+        """Return the elements that differ, with the names of their files."""
+        entries = []
         documents = [
             {name: lines(copy.files[name].decode()) for name, _ in _needs(copy.files) if name != COPY_TOML}
             for copy in (self, other)
@@ -209,12 +209,12 @@ class RobotCopy:
             one, two = (found.get(name, []) for found in documents)
             if one != two:
                 changed = difflib.unified_diff(one, two, n=0, lineterm="")
-                said += [_cut(line) for line in changed if not line.startswith(("---", "+++", "@@"))]
-        if not said:
+                entries += [_cut(line) for line in changed if not line.startswith(("---", "+++", "@@"))]
+        if not entries:
             return []
         names = self.sources.keys() | other.sources.keys()
         changed_files = sorted(name for name in names if self.sources.get(name) != other.sources.get(name))
-        return [", ".join(changed_files or sorted(names)) + ":\n" + _shortened(said, "    ")]
+        return [", ".join(changed_files or sorted(names)) + ":\n" + _shortened(entries, "    ")]
 
 
 def explain(differences: list[str]) -> str:
@@ -223,14 +223,14 @@ def explain(differences: list[str]) -> str:
 
 
 def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
-    """Return everything that gives the damage codes of a robot their meaning.
+    """Return all settings that define the meaning of a robot's damage codes.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     section : mapping
-        The section ``[damage]`` of a configuration; what it leaves out is the robot's.
+        The section ``[damage]`` of a configuration; the default of a missing entry is that of the robot TOML.
     """
     types = list(section.get("types") or robot.damage_types)
     options = section.get("options", {})
@@ -242,17 +242,17 @@ def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
     }
     for name in types:
         kind = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
-        # mypy cannot know that each concrete type is a dataclass.
+        # mypy does not know that concrete types are dataclasses.
         settings[name] = dataclasses.asdict(cast("Any", kind))
     return settings
 
 
 def _with_mjcf(robot: Robot) -> str:
-    """Return the robot TOML as it is written, but with the MJCF of the copy."""
+    """Return the text of the robot TOML with the MJCF of the copy."""
     text = _MJCF_ENTRY.sub(f'mjcf = "{_MJCF}"', robot.toml_text, count=1)
     if tomllib.loads(text) != {**robot.spec, "mjcf": _MJCF}:
         raise ConfigError(
-            f"{robot.path}: the entry mjcf cannot be found; write it on a line of its own, as in"
+            f"{robot.path}: the entry mjcf cannot be found; write it on a separate line, as in"
             f' `mjcf = "{robot.spec["mjcf"]}"`'
         )
     return text
@@ -266,30 +266,30 @@ def _read(path: Path) -> bytes:
 
 
 def check_confined(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Check that a copy, which may come from somebody else, has MuJoCo read nothing but its own files.
+    """Check that a copy, which may be from an untrusted source, refers only to its own files.
 
     Raises
     ------
     CheckpointError
-        If it names another file.
+        If it refers to another file.
     """
     try:
         for name, wanted in _needs(files):
             if foreign := sorted(wanted - files.keys()):
-                raise _broken(folder / name, f"it needs {foreign[0]!r}, which is no file of the copy")
+                raise _broken(folder / name, f"it needs {foreign[0]!r}, which is not a file of the copy")
     except (ValueError, KeyError, RecursionError) as error:
         raise _broken(folder, f"it is broken or foreign ({error})") from error
 
 
 def _needs(files: Mapping[str, bytes]) -> Iterator[tuple[str, set[str]]]:
-    """Yield the robot TOML of a copy and every MJCF that it leads to, with the files that each names.
+    """Yield the robot TOML of a copy and all its MJCFs, with the files to which each refers.
 
-    MJCFs have any ending: MuJoCo asks for none.
+    MJCFs may have any file extension.
 
     Raises
     ------
     ValueError, KeyError, RecursionError
-        If a file is not what it should be, or is missing.
+        If a file is invalid or missing.
     """
     robot = tomllib.loads(files[COPY_TOML].decode())
     if not isinstance(robot.get("name"), str):
@@ -307,7 +307,7 @@ def _needs(files: Mapping[str, bytes]) -> Iterator[tuple[str, set[str]]]:
 
 
 def _check_kinds(header: dict[str, Any]) -> None:
-    """Refuse a header whose entries are not what `RobotCopy.to_write` writes."""
+    """Raise if the entries of a header have other types than those of `RobotCopy.to_write`."""
     for name, kind in (
         ("origin", str),
         ("files", dict),
@@ -319,12 +319,12 @@ def _check_kinds(header: dict[str, Any]) -> None:
             raise TypeError(f"{name} is {header[name]!r:.40}")
     for name in ("sources", "assets"):
         if not all(isinstance(value, str) for value in header[name].values()):
-            raise TypeError(f"{name} holds something that is no text")
+            raise TypeError(f"{name} contains something that is not a text")
 
 
 def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:
     if Path(name).name != name:
-        raise _broken(folder / _HEADER, f"it lists {name!r}, expected the name of a file beside it")
+        raise _broken(folder / _HEADER, f"it lists {name!r}, expected the name of a file in the same folder")
     content = _read_regular(folder / name, min(known["bytes"], MOST_ASSET_BYTES))
     if _sha256(content) != known["sha256"]:
         raise _broken(folder / name, "it has changed since it was written")
@@ -332,7 +332,7 @@ def _checked(folder: Path, name: str, known: Mapping[str, Any]) -> bytes:
 
 
 def _read_regular(path: Path, most: int) -> bytes:
-    """Read a file that may come from somebody else."""
+    """Read a file from an untrusted source."""
     try:
         return read_file(path, most)
     except OSError as error:
@@ -352,7 +352,7 @@ def _name(origin: str) -> str:
 
 
 def _changes(one: Mapping[str, Any], two: Mapping[str, Any], where: str = "") -> Iterator[str]:
-    """Compare tables entry by entry; limbs and the like one by one where there are equally many."""
+    """Compare tables entry by entry; arrays of tables, such as limbs, if they have equal lengths."""
     for key in [*one, *(key for key in two if key not in one)]:
         path = f"{where}.{key}" if where else key
         yield from _change(one.get(key), two.get(key), path)
@@ -388,7 +388,7 @@ def _shortened(entries: list[str], indent: str) -> str:
 
 
 def _first_difference(one: mujoco.MjModel, other: mujoco.MjModel) -> str | None:
-    """Return the name of an array that differs between two models; where files lie does not count."""
+    """Return the name of an array that differs between two models, ignoring file paths."""
     for name in dir(one):
         value = getattr(one, name)
         counts = isinstance(value, np.ndarray) and "path" not in name and not name.startswith("_")

@@ -1,4 +1,4 @@
-"""How several faults of a robot become one error."""
+"""One error for several faults of a robot."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dappo_batch._core import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["refuse"]
+__all__ = ["raise_faults"]
 
 _MOST_SHOWN = 20
 
 
-def refuse(what: str, faults: Sequence[str]) -> None:
-    """Raise one error that lists all faults of `what`; nothing happens without faults.
+def raise_faults(what: str, faults: Sequence[str]) -> None:
+    """Raise an error with all faults of `what`, if there are any.
 
     Raises
     ------

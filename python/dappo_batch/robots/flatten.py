@@ -1,6 +1,6 @@
-"""An MJCF with everything that it includes as one text, and the files that it needs.
+"""An MJCF and its includes as one text, and the files that it needs.
 
-Nothing goes through MuJoCo's writer, which rounds numbers: attributes stay as they are written.
+MuJoCo's writer is not used because it rounds numbers: attributes are kept as they are written.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ _NAMED_AFTER_FILE = ("mesh", "hfield", "texture", "skin")
 
 @dataclass
 class Flattened:
-    """An MJCF without includes, whose other files lie beside it.
+    """An MJCF without includes, with all other files in the same folder.
 
     Attributes
     ----------
     text : str
         The MJCF.
     documents : dict
-        Texts of the models that it attaches, by file name.
+        Texts of the attached models, by file name.
     assets : dict
         Meshes, textures and height fields by file name.
     sources : dict
-        Every MJCF file that was read, by its place beside the first one: SHA-256 of what it says.
+        SHA-256 of the content of every MJCF file, by its path relative to the first one.
     """
 
     text: str = ""
@@ -47,7 +47,7 @@ class Flattened:
 
 
 def flatten(path: Path) -> Flattened:
-    """Read an MJCF and everything that it includes.
+    """Read an MJCF and its includes.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def flatten(path: Path) -> Flattened:
     Raises
     ------
     ConfigError
-        If a file is missing, or is no XML.
+        If a file is missing, or is not XML.
     """
     flattened = Flattened()
     try:
@@ -68,16 +68,16 @@ def flatten(path: Path) -> Flattened:
 
 
 def needed_files(text: str) -> tuple[set[str], set[str]]:
-    """Return all files that an MJCF names, beside it if it is flattened, and those that are MJCFs.
+    """Return the files of an MJCF, in its folder if it is flattened, and those of them that are MJCFs.
 
     Raises
     ------
     ValueError
-        If it is no MJCF.
+        If it is not an MJCF.
     """
     found, documents = set(), set()
     model = _parse(text)
-    # MuJoCo reads robots of another format, too, which name files in other ways.
+    # MuJoCo also reads other formats, whose references to files differ.
     if model.tag not in ("mujoco", "mujocoinclude"):
         raise ValueError(f"it begins with <{model.tag}>, expected <mujoco>")
     for element in model.iter():
@@ -90,9 +90,10 @@ def needed_files(text: str) -> tuple[set[str], set[str]]:
 
 
 def _parse(text: str) -> ET.Element:
-    """Parse an MJCF as MuJoCo does, which allows more in comments than XML does.
+    """Parse an MJCF like MuJoCo, which allows more in comments than XML.
 
-    Comments are emptied, not removed: within an attribute, where MuJoCo knows none, what is left is no XML.
+    Comments are emptied and not removed: within an attribute, where MuJoCo has no comments, the rest is an
+    error.
     """
     if "<![CDATA[" in text or "<!DOCTYPE" in text:
         raise ValueError("it has a CDATA section or a document type, which no MJCF needs")
@@ -103,32 +104,32 @@ def _parse(text: str) -> ET.Element:
 
 
 def lines(text: str) -> list[str]:
-    """Return what an MJCF says, an element a line: neither its layout nor the order of attributes matters."""
+    """Return the elements of an MJCF, one in each line, independent of layout and order of attributes."""
     return list(_lines(_parse(text)))
 
 
 def _lines(element: ET.Element, indent: str = "") -> Iterator[str]:
-    said = "".join(f' {name}="{" ".join(value.split())}"' for name, value in sorted(element.items()))
-    yield f"{indent}<{element.tag}{said}>"
+    attributes = "".join(f' {name}="{" ".join(value.split())}"' for name, value in sorted(element.items()))
+    yield f"{indent}<{element.tag}{attributes}>"
     for child in element:
         yield from _lines(child, f"{indent}  ")
 
 
 class _Document:
-    """A model in one file and those that it includes."""
+    """A model in a file and its includes."""
 
     def __init__(self, path: Path, into: Flattened, root: Path) -> None:
         self._path, self._into, self._root = path, into, root
-        # Elements with the folder of the file that they stand in.
+        # Elements with the folder of their file.
         self._elements: list[tuple[ET.Element, Path]] = []
         self._model = self._read(path)
         if self._model.tag != "mujoco":
-            raise ConfigError(f"{path} is no MJCF: it begins with <{self._model.tag}>, expected <mujoco>")
+            raise ConfigError(f"{path} is not an MJCF: it begins with <{self._model.tag}>, expected <mujoco>")
         self._include(self._model, path)
         self._directories = self._take_directories()
 
     def text(self) -> str:
-        """Return the MJCF; its files lie beside it."""
+        """Return the MJCF, with all files in its folder."""
         for element, origin in self._elements:
             for name, value in list(element.items()):
                 if _FILES.fullmatch(name):
@@ -143,12 +144,12 @@ class _Document:
             raise ConfigError(f"{path} cannot be read: {error.strerror or error}") from error
         except ValueError as error:
             raise ConfigError(f"{path} cannot be read: {error}") from error
-        said = "\n".join(_lines(element))
-        self._into.sources[relpath(path, self._root)] = hashlib.sha256(said.encode()).hexdigest()
+        content = "\n".join(_lines(element))
+        self._into.sources[relpath(path, self._root)] = hashlib.sha256(content.encode()).hexdigest()
         return element
 
     def _include(self, parent: ET.Element, origin: Path) -> None:
-        """Put the elements of included files in the place of the includes."""
+        """Replace includes by the elements of the included files."""
         self._elements.append((parent, origin.parent))
         children: list[ET.Element] = []
         for child in parent:
@@ -163,7 +164,7 @@ class _Document:
         parent[:] = children
 
     def _take_directories(self) -> dict[str, str]:
-        """Take the folders of meshes and textures out of the compiler's settings; the last ones hold."""
+        """Remove the folders of meshes and textures from the compiler's settings and return the last ones."""
         found: dict[str, str] = {}
         for compiler in self._model.iter("compiler"):
             settings = {name: compiler.attrib.pop(name) for name in _DIRECTORIES if name in compiler.attrib}
@@ -173,7 +174,7 @@ class _Document:
         return found
 
     def _place(self, element: ET.Element, value: str, origin: Path) -> str:
-        """Return the name that a file gets."""
+        """Return the new name of a file."""
         if element.tag == "model":
             return self._attached(element, self._find(value, "", origin, "model"))
         if element.tag in _NAMED_AFTER_FILE and "file" in element.attrib:
@@ -198,7 +199,7 @@ class _Document:
         return self._model.get("model")
 
     def _name(self, path: Path, known: dict[str, Path]) -> str:
-        """Return a name of its own for a file, the same whenever it is asked for."""
+        """Return a unique name for a file, the same in every call."""
         plain = re.sub(r"[^A-Za-z0-9._-]", "_", path.name)
         number = 0
         while True:
@@ -208,7 +209,7 @@ class _Document:
             number += 1
 
     def _find(self, value: str, directory: str, origin: Path, tag: str) -> Path:
-        """Return a file, from the model's folder for such files or beside the file that asks for it."""
+        """Return the path of a file, in the folder of assets or in the folder of the referring file."""
         places = [Path(os.path.realpath(at / value)) for at in (self._path.parent / directory, origin)]
         for place in places:
             if os.path.isfile(place):

@@ -1,8 +1,8 @@
-"""What is looked at in the files of an MJCF before MuJoCo reads them.
+"""Checks of the files of an MJCF before MuJoCo reads them.
 
-MuJoCo reads whatever a file asks for: it waits for a pipe, makes a hundred million copies of a body, and may
-crash on a height field whose size does not fit its integers. So the text is looked through first, in time
-and memory that its own length bounds.
+MuJoCo has no limits: it blocks on a pipe, creates a hundred million copies of a body, and may crash on a
+height field whose size overflows its integers. The text is therefore checked first, in time and memory that
+are bounded by its length.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ if TYPE_CHECKING:
 __all__ = ["mjcf_faults", "read_mjcf"]
 
 _MOST_BYTES = 32 << 20
-"""Of all XML files together."""
+"""Limit of all XML files together."""
 MOST_ASSET_BYTES = 1 << 30
 _MOST_FILES = 256
 _MOST_ELEMENTS = 100_000
-"""With all copies that ``replicate`` and its like make."""
+"""Limit of elements, including copies by ``replicate`` and similar elements."""
 _DEEPEST = 200
 _MOST_MEMORY = 4 << 30
 
-# Product of these attributes, at most: MuJoCo allocates an array of that many entries.
+# Limit of the product of these attributes, the length of an array that MuJoCo allocates.
 _SIZES: dict[str, tuple[tuple[str, ...], int]] = {
     "hfield": (("nrow", "ncol"), 4_000_000),
     "texture": (("width", "height"), 1 << 26),
     "user": (("dim",), 100_000),
     "contact": (("num",), 10_000),
 }
-# The same for every element.
+# Limit of ``nsample`` of every element.
 _MOST_SAMPLES = 10_000
-# Attributes of <size>: numbers for each element of a kind, and numbers of a model.
+# Limits of attributes of <size>: numbers for each element of a kind, and numbers of a model.
 _MOST_USER_NUMBERS = 1_000
 _MOST_OF_A_SIZE = 10_000_000
 _COPYING = ("replicate", "composite", "flexcomp")
@@ -51,12 +51,12 @@ _UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40, "P": 1 << 50, 
 
 @dataclass
 class _Scan:
-    """What the files of one MJCF ask for."""
+    """Findings in the files of one MJCF."""
 
     main: Path
     faults: list[str] = field(default_factory=list)
     folders: set[Path] = field(default_factory=set)
-    """Where assets may lie, relative to a file's own folder."""
+    """Folders of assets, relative to the folder of a file."""
     files: list[Path] = field(default_factory=list)
     assets: set[tuple[Path, str]] = field(default_factory=set)
     elements: int = 0
@@ -67,10 +67,10 @@ class _Scan:
 
 
 def read_mjcf(path: Path) -> mujoco.MjSpec:
-    """Let MuJoCo read an MJCF.
+    """Read an MJCF with MuJoCo.
 
-    It opens paths in UTF-8 alone. Of one that is not, it gets the text, and those files of the same folder
-    that the text names, which is all that the copy of a robot has.
+    MuJoCo opens only paths in UTF-8. For other paths it receives the text and the files in the same folder to
+    which the text refers, which are all files of the copy of a robot.
     """
     try:
         str(path).encode()
@@ -83,7 +83,7 @@ def read_mjcf(path: Path) -> mujoco.MjSpec:
 
 
 def mjcf_faults(path: Path) -> list[str]:
-    """Return what keeps MuJoCo from reading an MJCF and the files that it names in bounded time and memory.
+    """Return the reasons why MuJoCo cannot read an MJCF and its files in bounded time and memory.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def mjcf_faults(path: Path) -> list[str]:
     Returns
     -------
     list of str
-        A sentence a fault; empty if MuJoCo may read the file. Whether it is a robot is another question.
+        One sentence for each fault; empty if MuJoCo may read the file. It need not be a valid robot.
     """
     scan = _Scan(path, folders={Path()})
     _scan_file(scan, path)
@@ -103,7 +103,7 @@ def mjcf_faults(path: Path) -> list[str]:
                 scan.fault(path, f"the file {name!r} {what}")
     if scan.elements > _MOST_ELEMENTS:
         scan.fault(
-            path, f"it makes {scan.elements:.3g} elements with all its copies, at most {_MOST_ELEMENTS}"
+            path, f"it has {scan.elements:.3g} elements with all copies, the limit is {_MOST_ELEMENTS}"
         )
     return list(dict.fromkeys(scan.faults))
 
@@ -115,15 +115,15 @@ def _unreadable(path: Path, most: int) -> str | None:
     except (OSError, ValueError):
         return None
     if not stat.S_ISREG(found.st_mode):
-        return "is no regular file"
+        return "is not a regular file"
     if found.st_size > most:
-        return f"has {found.st_size} bytes, at most {most} are read"
+        return f"has {found.st_size} bytes, the limit is {most}"
     return None
 
 
 def _scan_file(scan: _Scan, path: Path) -> None:
     if path in scan.files:
-        return  # MuJoCo refuses a file that includes itself
+        return  # MuJoCo reports a file that includes itself
     scan.files.append(path)
     if len(scan.files) > _MOST_FILES:
         scan.fault(scan.main, f"it includes more than {_MOST_FILES} files")
@@ -135,7 +135,7 @@ def _scan_file(scan: _Scan, path: Path) -> None:
     try:
         data = path.read_bytes()
     except OSError:
-        return  # MuJoCo says which file it misses
+        return  # MuJoCo reports the missing file
     scan.size += len(data)
     if scan.size > _MOST_BYTES:
         scan.fault(scan.main, f"its files have more than {_MOST_BYTES} bytes")
@@ -147,7 +147,7 @@ def _scan_file(scan: _Scan, path: Path) -> None:
 
 
 class _Reader:
-    """Follows the elements of one file."""
+    """Scans the elements of one file."""
 
     def __init__(self, scan: _Scan, path: Path) -> None:
         self.scan = scan
@@ -166,7 +166,7 @@ class _Reader:
             _scan_file(self.scan, include)
 
     def _entity(self, *_: object) -> None:
-        self.scan.fault(self.path, "it declares an entity, which MuJoCo does not know")
+        self.scan.fault(self.path, "it declares an entity, which MuJoCo does not support")
 
     def _cdata(self) -> None:
         self.scan.fault(self.path, "it has a CDATA section, which no MJCF needs")
@@ -200,13 +200,13 @@ class _Reader:
 
 
 def _without_comments(data: bytes) -> bytes:
-    """Blank comments, which hold hyphens in many an MJCF that MuJoCo reads, and keep the numbers of lines."""
+    """Blank comments, which may contain hyphens in MuJoCo but not in XML, and keep line numbers."""
     parts, position = [], 0
     while (start := data.find(b"<!--", position)) >= 0:
         end = data.find(b"-->", start + 4)
         if end < 0:
-            break  # the parser says so
-        # An empty comment is left: within an attribute, where MuJoCo knows none, that is no XML.
+            break  # the parser reports it
+        # An empty comment is left, which is an error within an attribute, where MuJoCo has no comments.
         parts += [data[position:start], b"<!--", b"\n" * data.count(b"\n", start, end), b"-->"]
         position = end + 3
     return b"".join([*parts, data[position:]])

@@ -1,4 +1,4 @@
-"""Run folders: their configuration, metrics and tables, and the robot that they mean."""
+"""Run folders: their configuration, metrics, tables and robot."""
 
 from __future__ import annotations
 

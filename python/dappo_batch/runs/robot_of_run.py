@@ -1,4 +1,4 @@
-"""Which robot a run means: the one that it was trained on, unless somebody asks for another one."""
+"""The robot of a run: by default the copy of the robot that it was trained on."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from dappo_batch.robots.copies import COPY_TOML, RobotCopy, damage_settings, exp
 __all__ = ["check_same", "copy_robot", "read_copy", "robot_of_run"]
 
 COPY = "robot"
-"""The folder of the copy in that of a run, a dataset or a diagnoser."""
+"""Name of the folder of the copy in a run, a dataset or a diagnoser."""
 
 _WAYS_ON = (
-    "`--robot-changed use-run` goes on with the robot as the run has it,"
-    " `--robot-changed use-file` with the file as it is now"
+    "`--robot-changed use-run` uses the copy of the robot in the run folder,"
+    " `--robot-changed use-file` the current file"
 )
-# They decide what is rewarded, shown and how long, not what the robot is.
+# Entries that do not define the robot.
 _APART_FROM_THE_ROBOT = ("reward", "pictures", "max_episode_steps")
 
 
 def copy_robot(robot: str, damage: Mapping[str, Any]) -> RobotCopy:
-    """Copy a robot for a new run, and check that the copy can stand for it."""
+    """Copy a robot for a new run, and check the copy."""
     copy = RobotCopy.of(robot, damage)
     copy.check()
     return copy
@@ -39,32 +39,32 @@ def read_copy(root: Path) -> RobotCopy | None:
 def robot_of_run(
     run: Path, robot: str, damage: Mapping[str, Any], changed: str | None
 ) -> tuple[Path | None, RobotCopy, bool]:
-    """Choose the robot that a run is simulated with.
+    """Return the robot for simulations of a run.
 
     Parameters
     ----------
     run : pathlib.Path
         The run folder.
     robot : str
-        The robot that its configuration names.
+        The entry ``robot`` of its configuration.
     damage : mapping
         The section ``[damage]`` of its configuration.
     changed : str or None
-        ``"use-run"`` or ``"use-file"`` where the two may differ.
+        ``"use-run"``, ``"use-file"``, or None if a change is an error.
 
     Returns
     -------
     own : pathlib.Path or None
-        What to compile: the run's own robot TOML; None for `robot`.
+        The robot TOML of the copy, if that is used; None for `robot`.
     copy : RobotCopy
         The files of that robot.
     is_kept : bool
-        Whether the run has a copy; those of older versions have none.
+        Whether the run has a copy, which those of older versions lack.
 
     Raises
     ------
     ConfigError
-        If the robot has changed since the training, and `changed` does not say what to do.
+        If the robot has changed since the training, and `changed` is None.
     CheckpointError
         If the run's copy cannot be read.
     """
@@ -84,8 +84,8 @@ def robot_of_run(
 def _check_settings(run: Path, copy: RobotCopy, settings: Mapping[str, Any]) -> None:
     if changes := copy.damage_changes(settings):
         raise ConfigError(
-            f"{run}: its config.toml gives the damage code another meaning than in the training:\n"
-            f"{explain(changes)}\nmake config.toml what it was, or go on with `--robot-changed use-file`"
+            f"{run}: its config.toml changes the meaning of the damage code since the training:\n"
+            f"{explain(changes)}\nrestore config.toml, or use `--robot-changed use-file`"
         )
 
 
@@ -94,8 +94,8 @@ def _check_file(run: Path, copy: RobotCopy, robot: str, damage: Mapping[str, Any
         differences = copy.differences(RobotCopy.of(robot, damage))
     except ConfigError as error:
         raise ConfigError(
-            f"{run}: its robot {robot} has changed since the training, and cannot be read any more: {error};"
-            " `--robot-changed use-run` goes on with the robot as the run has it"
+            f"{run}: its robot {robot} has changed since the training, and can no longer be read: {error};"
+            " `--robot-changed use-run` uses the copy of the robot in the run folder"
         ) from error
     if differences:
         raise ConfigError(
@@ -106,7 +106,7 @@ def _check_file(run: Path, copy: RobotCopy, robot: str, damage: Mapping[str, Any
 def check_same(
     one: str, copy: RobotCopy, other: str, other_copy: RobotCopy, *, with_damage: bool = True
 ) -> None:
-    """Fail unless what two folders hold was made with the same robot.
+    """Check that two folders belong to the same robot.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def check_same(
     Raises
     ------
     ConfigError
-        If they were not.
+        If they do not.
     """
     name, other_name = copy.spec["name"], other_copy.spec["name"]
     if name != other_name:
@@ -128,6 +128,6 @@ def check_same(
     ignoring = _APART_FROM_THE_ROBOT if with_damage else (*_APART_FROM_THE_ROBOT, "damage")
     if differences := copy.differences(other_copy, ignoring=ignoring):
         raise ConfigError(
-            f"{other} was made with another version of the robot than {one}:\n{explain(differences)}\n"
-            "make both with the same, or go on with the robot file as it is now: `--robot-changed use-file`"
+            f"{other} was created with another version of the robot than {one}:\n{explain(differences)}\n"
+            "create both with the same version, or use the current robot file: `--robot-changed use-file`"
         )

@@ -1,4 +1,4 @@
-"""What a training run left behind, as NumPy arrays."""
+"""A run folder as NumPy arrays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ADAPTATION = ("class", "name", "adapted", "oracle", "unadapted")
 
 @dataclass(frozen=True)
 class Run:
-    """The files of a run folder; a table is columns by name, NumPy arrays of one length.
+    """The files of a run folder; tables are NumPy arrays of equal length, by column.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Run:
     config : mapping
         The resolved configuration, ``config.toml``.
     meta : Meta
-        What made the run, ``meta.json``; without entries if that is missing.
+        Metadata, ``meta.json``; without entries if that is missing.
     metrics : Table
-        One entry an iteration, ``metrics.jsonl``; means over no episodes are NaN. Empty before the first.
+        One entry for each iteration, ``metrics.jsonl``; means over no episodes are NaN.
     per_class, groups : mapping from str to Table
-        The evaluations by what the policy was told: ``true``, ``zero``, ``wrong`` or ``random``. Those that
-        were not made are missing.
+        The evaluations by encoding: ``true``, ``zero``, ``wrong`` or ``random``. Those that do not exist are
+        missing.
     adaptation : Table or None
-        Damage in mid-walk, class by class, ``eval/adapt.csv``.
+        Results of `adapt`, class by class, ``eval/adapt.csv``.
 
     Notes
     -----
@@ -77,12 +77,12 @@ def load_run(path: str | bytes | PathLike[str]) -> Run:
     Parameters
     ----------
     path : path-like
-        The folder that ``dappo-batch train`` wrote. The run may still be going on.
+        Folder of `train` or ``dappo-batch train``. The training may still be running.
 
     Raises
     ------
     ConfigError
-        If the folder does not exist or is no run folder.
+        If the folder does not exist or is not a run folder.
     CheckpointError
         If a file in it cannot be read.
 
@@ -105,7 +105,7 @@ def load_run(path: str | bytes | PathLike[str]) -> Run:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file, or say what is wrong with it."""
+    """Read a TOML file; errors are `CheckpointError`."""
     try:
         return tomllib.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -113,7 +113,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
-    """Read one JSON object a line, without a last line that is being written or was cut short by a kill."""
+    """Read one JSON object from each line, except an incomplete last line."""
     if not path.exists():
         return []
     rows = []
@@ -131,7 +131,7 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
 
 def _config(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
-        raise ConfigError(f"{folder} is no folder; expected a run folder of `dappo-batch train`")
+        raise ConfigError(f"{folder} is not a folder; expected a run folder of `dappo-batch train`")
     path = folder / "config.toml"
     if not path.exists():
         raise ConfigError(f"{folder} is no run folder: it has no config.toml")
@@ -160,14 +160,14 @@ def _meta(path: Path) -> Meta:
 
 
 def _evaluations(folder: Path, name: str, required: tuple[str, ...]) -> dict[str, Table]:
-    """Read ``NAME.csv``, which is of the truth, and ``NAME.ENCODING.csv``."""
+    """Read ``NAME.csv``, the encoding ``true``, and ``NAME.ENCODING.csv``."""
     found = {}
     for encoding in ("true", "zero", "wrong", "random"):
         path = folder / "eval" / (f"{name}.csv" if encoding == "true" else f"{name}.{encoding}.csv")
         table = _optional(path, required)
         if table is not None:
             if not len(table[required[0]]):
-                raise CheckpointError(f"{path} has no rows; dappo-batch evaluate writes it anew")
+                raise CheckpointError(f"{path} has no rows; run dappo-batch evaluate again")
             found[encoding] = table
     return found
 

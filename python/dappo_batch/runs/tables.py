@@ -18,9 +18,9 @@ __all__ = ["Table", "columns", "read_csv", "read_text"]
 _LARGE = 2**63
 
 Table = Mapping[str, NDArray[Any]]
-"""Columns by name, all of one length."""
+"""Columns of equal length, by name."""
 
-# Words stay text even where every one of them looks like a number or is empty.
+# Columns that are text even if all entries are numbers or empty.
 _TEXT = frozenset(
     {
         "backend",
@@ -39,9 +39,9 @@ _TEXT = frozenset(
 
 
 def read_text(path: Path, errors: str = "strict") -> str:
-    """Read a text in UTF-8, or say what is wrong with it.
+    """Read a text in UTF-8.
 
-    Run folders are handed on: links, pipes and devices in them are refused, and so are files of any size.
+    Run folders may be from untrusted sources: links, pipes, devices and very large files are errors.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
 
 
 def columns(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Put rows together; numbers that a row lacks or that are null are NaN, and texts are empty.
+    """Return rows as columns; missing or null numbers are NaN, missing texts are empty.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def _numbers(kind: Callable[[str], float], texts: Iterable[str]) -> list[float] 
 
 
 def _whole(texts: Iterable[str]) -> list[int] | None:
-    """Return whole numbers that an int64 holds."""
+    """Return whole numbers that fit into an int64, or None."""
     numbers = _numbers(int, texts)
     if numbers is None or any(abs(number) >= _LARGE for number in numbers):
         return None

@@ -1,4 +1,4 @@
-"""Many trainings: a grid of options over any executor, continued where it was stopped."""
+"""Sweeps: a grid of trainings over any executor, which can be resumed."""
 
 from __future__ import annotations
 
@@ -27,36 +27,35 @@ def sweep(
     executor: Executor | None = None,
     callback: Callable[[Cell], object] | None = None,
 ) -> list[Cell]:
-    """Train every combination of the grid, each in a folder of its own.
+    """Train every combination of the grid, each in its own folder.
 
-    Called again with the same folder it does what is missing: cells that are done stay as they are, a cell
-    that was stopped or killed goes on from its newest checkpoint. The grid may have grown; `base` must be the
-    same.
+    A call with the same folder resumes the sweep: completed cells are kept, and a cell that was stopped or
+    killed continues from its newest checkpoint. The grid may be larger; `base` must be the same.
 
     Parameters
     ----------
     base
-        What all cells have in common: options of `train`, or settings such as ``"ppo.gamma"``.
+        Options of `train`, or settings such as ``"ppo.gamma"``, of all cells.
     grid
         Values by option or setting.
     out
         Folder of the sweep.
     executor
-        Where the cells run: any executor whose workers see the same folder. One process at a time on this
-        machine, with all cores, if left out.
+        Any executor whose workers have access to the folder. By default one process at a time on this
+        machine, with all cores.
     callback
-        Told each cell as it ends.
+        Called with each cell when it ends.
 
     Returns
     -------
     list of Cell
-        All cells, in the order of the grid. One that failed says why and does not stop the others.
+        All cells, in the order of the grid. A failed cell contains its error and does not stop the others.
 
     Raises
     ------
     ConfigError
-        If the grid is empty, an argument is of the wrong type, or the folder holds a sweep with another base
-        or cannot be written.
+        If the grid is empty, an argument is of the wrong type, or the folder contains a sweep with another
+        base or cannot be written.
     CheckpointError
         If its ``sweep.json`` cannot be read.
     """
@@ -68,7 +67,7 @@ def sweep(
     cells = list(cells_of(grid, folder))
     # An option that is None is left out, as in `train`.
     base = {key: value for key, value in mapping(base, "base").items() if value is not None}
-    # Refuses what no setting can be, before the first cell.
+    # Checks types of settings before the first cell.
     check_settings({key: value for key, value in base.items() if key != "set"}, "base")
     check_settings(base.get("set") or {}, "set")
     _claim(folder, base)
@@ -79,7 +78,7 @@ def sweep(
 
 
 def _claim(folder: Path, base: Mapping[str, Any]) -> None:
-    """Note what the cells have in common, or check that it is the same as before."""
+    """Write `base` to ``sweep.json``, or check that it is the same as in an earlier call."""
     path = folder / "sweep.json"
     wanted = json.loads(json.dumps({"base": dict(base)}, default=str))
     if not path.exists():
@@ -95,7 +94,7 @@ def _claim(folder: Path, base: Mapping[str, Any]) -> None:
     if known != wanted:
         other = known.get("base") if isinstance(known, dict) else known
         raise ConfigError(
-            f"{folder} holds a sweep with another base: {json.dumps(other)}; choose another folder"
+            f"{folder} contains a sweep with another base: {json.dumps(other)}; choose another folder"
         )
 
 

@@ -30,11 +30,11 @@ class Cell:
     Attributes
     ----------
     values : mapping
-        What distinguishes it from the other cells: a value for each key of the grid.
+        A value for each key of the grid.
     path : Path
-        Its run folder.
+        The run folder.
     error : str or None
-        Why it failed.
+        The error, if it failed.
     """
 
     values: Mapping[str, Any]
@@ -42,7 +42,7 @@ class Cell:
     error: str | None = None
 
     def run(self) -> Run:
-        """Read its run folder; see `load_run`."""
+        """Read the run folder; see `load_run`."""
         return load_run(self.path)
 
 
@@ -65,16 +65,16 @@ def cells_of(grid: Mapping[str, Sequence[Any]], folder: Path) -> Iterator[Cell]:
         yield Cell(cell, folder / name)
 
 
-def _name(value: Any) -> str:  # noqa: ANN401 - whatever a setting can be
+def _name(value: Any) -> str:  # noqa: ANN401 - any setting
     try:
         name = value if isinstance(value, str) else json.dumps(value)
     except (TypeError, ValueError, RecursionError):
-        raise ConfigError(f"the grid has a value that is no setting: {shown(value)}") from None
+        raise ConfigError(f"the grid has an invalid value: {shown(value)}") from None
     return re.sub(r"[^\w.+-]", "_", name)
 
 
 def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Split options of `train`, by their own names or those of flags, from settings for its option `set`.
+    """Return options of `train`, with all other settings in its option `set`; names may be those of flags.
 
     Raises
     ------

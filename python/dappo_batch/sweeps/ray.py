@@ -17,21 +17,22 @@ __all__ = ["RayExecutor"]
 
 
 class RayExecutor(Executor):
-    """Runs calls as tasks of a Ray cluster, again on another node when theirs is lost.
+    """Runs calls as tasks of a Ray cluster, and repeats them on another node if theirs is lost.
 
     Parameters
     ----------
     cpus
-        Cores that Ray sets aside for a call.
+        Cores that Ray reserves for a call.
     gpus
         The same for GPUs.
     retries
-        How often a call whose node or process was lost is run again; -1 for ever. Calls that raise are not.
+        How often a call is repeated whose node or process was lost; -1 without limit. Exceptions are not
+        retried.
 
     Notes
     -----
-    ``ray.init`` is the program's own business. Nodes must see the same folders. Ray counts cores but holds
-    no call to them: give the trainings ``threads`` that fit `cpus`.
+    The program calls ``ray.init``. All nodes need access to the same folders. Ray does not limit calls to
+    their reserved cores: set ``threads`` of the trainings accordingly.
     """
 
     def __init__(self, *, cpus: float = 1.0, gpus: float = 0.0, retries: int = 10) -> None:
@@ -46,7 +47,7 @@ class RayExecutor(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for the tasks, or cancel those that have not ended; the cluster stays as it is."""
+        """Wait for the tasks, or cancel those that have not ended; the cluster keeps running."""
         if cancel_futures:
             for task in self._tasks:
                 ray.cancel(task)

@@ -1,4 +1,4 @@
-"""An executor over Slurm by way of submitit; needs the extra ``slurm``."""
+"""An executor over Slurm with submitit; needs the extra ``slurm``."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ __all__ = ["SlurmExecutor"]
 
 
 class SlurmExecutor(Executor):
-    """Runs each call as a job of its own.
+    """Runs each call as a separate job.
 
     Parameters
     ----------
     folder
-        Where submitit keeps scripts, logs and results; every node must see it.
+        Folder for submitit's scripts, logs and results; every node needs access to it.
     cluster
-        ``slurm``, or ``local`` for processes on this machine; Slurm where it is found if left out.
+        ``slurm``, or ``local`` for processes on this machine; by default Slurm if it is installed.
     **parameters
-        Of the jobs, as submitit names them: ``timeout_min``, ``slurm_partition``, ``cpus_per_task``, … Where
-        Slurm does not hold a job to its cores, give the trainings as many ``threads``.
+        Parameters of submitit: ``timeout_min``, ``slurm_partition``, ``cpus_per_task``, … If Slurm does not
+        limit jobs to their cores, set ``threads`` of the trainings accordingly.
     """
 
     def __init__(
@@ -66,8 +66,8 @@ class SlurmExecutor(Executor):
 
 
 def _wait(job: submitit.Job[Any], future: Future[Any]) -> None:
-    """Hand the outcome of a job over; submitit's jobs can be asked, but not waited for together."""
+    """Copy the outcome of a job to a future, as submitit cannot wait for several jobs."""
     try:
         future.set_result(job.result())
-    except BaseException as error:  # whatever the job raised
+    except BaseException as error:  # any exception of the job
         future.set_exception(error)

@@ -1,4 +1,4 @@
-"""What a worker of a sweep does."""
+"""The work of a sweep's worker processes."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["processes", "train_cell"]
 
 
 def processes(jobs: int) -> ProcessPoolExecutor:
-    """Return an executor of so many processes on this machine."""
-    # A forked process would share threads and locks of this one.
+    """Return an executor with `jobs` processes on this machine."""
+    # A forked process would inherit locks without their threads.
     return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
 
 
 def train_cell(path: str, options: dict[str, Any]) -> None:
-    """Do what is missing of one cell, after whoever else is at it.
+    """Train or resume a cell, unless it is complete, while no other process does.
 
-    A cluster that lost sight of a worker starts another one, while the first may still be alive.
+    A cluster that lost the connection to a worker starts another one while the first may still run.
     """
     folder = Path(path)
-    with _alone(folder.with_name(f".{folder.name}.lock")):
+    with _locked(folder.with_name(f".{folder.name}.lock")):
         if not (folder / "config.toml").exists():
             train(folder, **cast("TrainingOptions", options))
         elif not _is_done(load_run(folder)):
@@ -38,10 +38,10 @@ def train_cell(path: str, options: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Wait for a lock, which a killed process holds no longer."""
+def _locked(path: Path) -> Iterator[None]:
+    """Wait for a file lock, which the system releases when its process ends."""
     try:
-        # A link or a pipe under this name is not opened, and what a file holds stays.
+        # Links and pipes are not opened, and files are not truncated.
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
     except OSError as error:
         raise ConfigError(f"{path} cannot be locked: {error}") from error

@@ -1,7 +1,7 @@
-"""``python -m tests.bench.diagnoser``: training the self-diagnose network, here and in PyTorch.
+"""``python -m tests.bench.diagnoser``: training the diagnoser, compared with PyTorch.
 
-Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
-busy or throttled machine too; the absolute numbers are those of the moment.
+Every trainer does the same work, `Task`, in a separate process, and measurements are interleaved. The ratios
+are therefore valid on a busy or throttled machine too; the absolute numbers depend on its current load.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from dappo_batch.bench.measure import Missing, check, enter
+from dappo_batch.bench.measure import Missing, check, open_all
 from dappo_batch.machine import cores, describe
 from dappo_batch.robots import load_robot
 
 from ..limits import limited_to
-from ..products import Products
+from ..matmul import SgemmBenchmark
 from ..rounds import measure_rounds
 from .data import collect
 from .report import Cell, DiagnoserReport, cell_of
@@ -28,7 +28,7 @@ from .trainers import Ours, Torch, TorchFolded, Trainer
 __all__ = ["TRAINERS", "DiagnoserReport", "Trainer", "run"]
 
 TRAINERS: tuple[type[Trainer], ...] = (Ours, Torch, TorchFolded)
-"""Everything that may be measured; a new contender is a class like those here."""
+"""All trainers; add new ones here."""
 
 
 def run(
@@ -54,29 +54,29 @@ def run(
     timesteps : int
         Steps of a window, T.
     rollouts : int
-        Rollouts that are trained on, each with a sample of every damage class.
+        Rollouts of the training data, each with a sample of every damage class.
     threads : sequence of int, optional
-        Threads of each contender; one, and all cores, if left out.
+        Threads of each trainer; by default one, and the number of cores.
     epochs : int
         Epochs of a sample, after one that is not counted.
     rounds : int
-        Samples a contender.
+        Samples of each trainer.
     seconds : float
-        Least length of a sample of the machine's rate of products, s.
+        Minimum duration of a sample of the machine's rate of matrix multiplications, s.
     progress : callable, optional
-        Told what happens, for example ``print``.
+        Called with a text before each measurement, for example ``print``.
 
     Returns
     -------
     DiagnoserReport
-        The numbers, and what could not be measured and why.
+        The results, and the trainers that were not measured, with reasons.
 
     Raises
     ------
     ConfigError
         If an argument is out of range or the robot unknown.
     SimulationError
-        If the data cannot be made, or a contender fails after it has begun.
+        If the data cannot be collected, or a trainer fails after its start.
     """
     threads = sorted({1, cores()}) if threads is None else threads
     counts = {"timesteps": [timesteps], "rollouts": [rollouts], "epochs": [epochs], "rounds": [rounds]}
@@ -99,7 +99,7 @@ def run(
 
 
 def _settings(task: Task) -> dict[str, Any]:
-    """Return what all tasks have in common."""
+    """Return the settings that all tasks share."""
     settings = asdict(task) | {"samples": task.samples}
     for name in ("threads", "minibatch", "data"):
         del settings[name]
@@ -109,17 +109,17 @@ def _settings(task: Task) -> dict[str, Any]:
 def _measure(
     task: Task, epochs: int, rounds: int, seconds: float, progress: Callable[[str], None]
 ) -> tuple[Cell, list[Missing]]:
-    """Measure everybody `rounds` times at one task."""
+    """Measure every trainer `rounds` times at one task."""
 
-    def tell(what: str) -> None:
+    def progress_of_task(what: str) -> None:
         progress(f"{task.threads} threads, minibatch {task.minibatch}, {what}")
 
-    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
+    opened = open_all({kind.key: kind for kind in TRAINERS}, task, progress)
     with (
         limited_to(task.threads),
-        entered as (entrants, missing),
-        closing(Products(task.threads)) as products,
+        opened as (entries, missing),
+        closing(SgemmBenchmark(task.threads)) as sgemm,
     ):
-        trainers = [*entrants.values()]
-        found = measure_rounds(products.measure, trainers, epochs, rounds, seconds, tell)
-    return cell_of(task, found, trainers, products.note), missing
+        trainers = [*entries.values()]
+        found = measure_rounds(sgemm.measure, trainers, epochs, rounds, seconds, progress_of_task)
+    return cell_of(task, found, trainers, sgemm.note), missing

@@ -8,10 +8,10 @@ from . import run
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Measure, and print what was found."""
+    """Measure, and print the report."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench.diagnoser",
-        description="Samples per second of training the self-diagnose network beside PyTorch.",
+        description="Samples per second of training the diagnoser, compared with PyTorch.",
         argument_default=argparse.SUPPRESS,
     )
     add = parser.add_argument
@@ -21,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     add("--timesteps", type=int, metavar="T", help="steps of a window [default: 50]")
     add("--rollouts", type=int, metavar="N", help="rollouts to train on [default: 100]")
     add("--epochs", type=int, metavar="N", help="epochs of a sample [default: 2]")
-    threads = "threads of each contender, one or several numbers [default: 1 and all cores]"
+    threads = "threads of each trainer, one or several numbers [default: 1 and all cores]"
     add("--threads", type=int, nargs="+", metavar="N", help=threads)
     print_report(run, parser, argv)
 

@@ -12,7 +12,7 @@ from ..commands import TrainingFailed, command_line
 
 __all__ = ["Dataset", "collect"]
 
-# What the expert has learned does not matter to how long a diagnoser takes to learn from it.
+# The training time of a diagnoser does not depend on how well the expert walks.
 _EXPERT_STEPS = 512
 _EXPERT_SIZES = ("--envs", "16", "--set", "horizon=32", "evaluation.episodes=1")
 
@@ -24,11 +24,11 @@ class Dataset:
     Attributes
     ----------
     folder : Path
-        Where they lie.
+        Folder of the dataset.
     classes : int
         Damage classes C.
     inputs : int
-        Numbers of an observation, O.
+        Length of an observation, O.
     """
 
     folder: Path
@@ -37,7 +37,7 @@ class Dataset:
 
 
 def collect(robot: str, rollouts: int, timesteps: int, threads: int, folder: Path) -> Dataset:
-    """Train an expert for a moment, and let it and its damaged likes walk.
+    """Train an expert briefly, and collect pairs of damaged robots and healthy twins with it.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ def collect(robot: str, rollouts: int, timesteps: int, threads: int, folder: Pat
     timesteps : int
         Steps of a window.
     threads : int
-        Threads that simulate.
+        Threads of the simulation.
     folder : Path
-        Where to put expert and dataset.
+        Folder for expert and dataset.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def collect(robot: str, rollouts: int, timesteps: int, threads: int, folder: Pat
     expert, data = folder / "expert", folder / "data"
     common = ["--threads", str(threads)]
     sizes = ["--preset", "paper", "--rollouts", str(rollouts), "--timesteps", str(timesteps)]
-    # An episode that is no longer than a window: the run ends with an evaluation, which nobody needs.
+    # Episodes as short as a window: the run ends with an evaluation, which is not needed here.
     short_end = f"env.max_episode_steps={timesteps}"
     steps = ["--steps", str(_EXPERT_STEPS), "--run", str(expert)]
     try:
@@ -69,6 +69,6 @@ def collect(robot: str, rollouts: int, timesteps: int, threads: int, folder: Pat
         )
         command_line(["diagnose", "collect", str(expert), "--out", str(data), *common, *sizes], threads)
     except TrainingFailed as error:
-        raise SimulationError(f"the dataset cannot be made: {error}") from error
+        raise SimulationError(f"the dataset cannot be collected: {error}") from error
     header = json.loads((data / "dataset.json").read_text(encoding="utf-8"))
     return Dataset(data, classes=len(header["subject"]["class_names"]), inputs=int(header["obs_dim"]))

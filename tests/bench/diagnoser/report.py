@@ -1,4 +1,4 @@
-"""What a benchmark of the diagnoser's training found, as a table for people and as JSON for programs."""
+"""The report of a benchmark of the diagnoser's training, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dappo_batch import machine
 from dappo_batch.bench.measure import Spread, align
 
 from .. import rounds
-from ..products import gflops
+from ..matmul import gflops
 from ..rounds import ratios
 from .task import Task
 from .trainers import Sample, Torch, TorchFolded, Trainer
@@ -18,27 +18,27 @@ from .trainers import Sample, Torch, TorchFolded, Trainer
 __all__ = ["PEERS", "Cell", "DiagnoserReport", "Result", "Round", "cell_of"]
 
 PEERS = (Torch.key, TorchFolded.key)
-"""Keys of the contenders that all others are compared with, where they could be measured."""
+"""Keys of the trainers with which all others are compared, if they were measured."""
 
 
 Round: TypeAlias = rounds.Round[float, Sample]
-"""The machine's are floating-point operations per second in products of float32 matrices."""
+"""The machine's rate is in floating-point operations per second, in multiplications of float32 matrices."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One contender's numbers in one cell.
+    """The results of one trainer in one cell.
 
     Attributes
     ----------
     rate : Spread
-        Samples trained on per second.
+        Training samples per second.
     loss : Spread
         Mean cross-entropy of the last epoch of a sample.
     ratios : dict
-        `rate` in terms of each of `PEERS` that was measured, compared round by round.
+        `rate` divided by that of each measured trainer of `PEERS`, round by round.
     over_bound : Spread
-        Time in terms of the bound, compared round by round.
+        Time divided by the bound, round by round.
     """
 
     key: str
@@ -52,18 +52,18 @@ class Result:
 
 @dataclass(frozen=True)
 class Cell:
-    """Everybody's numbers with one number of threads and one size of minibatch.
+    """The results of all trainers with one number of threads and one size of minibatch.
 
     Attributes
     ----------
     sgemm : Spread
-        Floating-point operations per second in products of float32 matrices.
+        Floating-point operations per second in multiplications of float32 matrices.
     sgemm_note : str
-        Who multiplied them.
+        Library and threads of the multiplications.
     folded_flops, plain_flops : float
-        Operations that a sample takes, see `Task`; the former make the bound.
+        Operations of a sample, see `Task`; the former define the bound.
     results : tuple of Result
-        The measured contenders.
+        The measured trainers.
     """
 
     threads: int
@@ -105,12 +105,12 @@ def _result(task: Task, turns: Sequence[Round], trainer: Trainer) -> Result:
 
 @dataclass(frozen=True)
 class DiagnoserReport(rounds.Report):
-    """Everything that one call of ``python -m tests.bench.diagnoser`` found.
+    """The report of ``python -m tests.bench.diagnoser``.
 
     Attributes
     ----------
     cells : tuple of Cell
-        The numbers.
+        The results.
     """
 
     cells: tuple[Cell, ...]

@@ -1,4 +1,4 @@
-"""The training that every contender does: the self-diagnose network, its data, and what a sample costs."""
+"""The training task: the network of the diagnoser, its data, and the number of operations of a sample."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ class Task:
     Attributes
     ----------
     threads : int
-        Threads, and where the system can do that cores, of a contender.
+        Threads of a trainer, and cores if the system supports a limit.
     minibatch : int
-        Samples of a minibatch; an epoch is cut into equal ones, as near to this as possible.
+        Samples of a minibatch; an epoch is split into equal ones as close to this size as possible.
     data : str
-        Folder of the dataset, which has one rollout more than `rollouts`, to validate on.
+        Folder of the dataset, which has one more rollout than `rollouts`, for validation.
     rollouts : int
-        Rollouts that are trained on; each has a sample of every damage class.
+        Rollouts of the training data; each has a sample of every damage class.
     classes : int
         Damage classes C.
     timesteps : int
         Steps of a window, T.
     inputs : int
-        Numbers of an observation, O: the network sees the twin's minus the damaged robot's (method B).
+        Length of an observation, O; inputs are the twin's minus the damaged robot's (method B).
     embedding, lstm : int
         Widths of the linear embedding of a step and of the LSTM's hidden state.
     hidden : sequence of int
         Widths of the dense layers, each with ReLU and dropout.
     dropout : float
-        Share of their units that a training step leaves out.
+        Probability that a unit is dropped in training.
     learning_rate : float
-        Adam's.
+        Learning rate of Adam.
     seed : int
         Seed of weights, order of samples and dropout.
     """
@@ -64,26 +64,26 @@ class Task:
 
     @property
     def steps(self) -> int:
-        """Minibatches of an epoch, as many as ``dappo-batch diagnose train`` makes."""
+        """Minibatches of an epoch, as many as in ``dappo-batch diagnose train``."""
         return max(1, int(self.samples / self.minibatch + 0.5))
 
     @property
     def plain_flops(self) -> float:
-        """Floating-point operations of a sample's products, forwards and backwards, layer by layer.
+        """Floating-point operations of a sample's forward and backward pass, layer by layer.
 
-        At each step, T times, two linear layers take the observation to the embedding and that to the four
-        gates; see `pass_flops`. To these come what follows them.
+        At each of the T steps two linear layers map the observation to the embedding and the embedding to the
+        four gates; see `pass_flops`. The recurrence and the dense layers are added to these.
         """
         gates = 4 * self.lstm
         return float(self.timesteps * pass_flops([self.inputs, self.embedding, gates]) + self._behind_gates)
 
     @property
     def folded_flops(self) -> float:
-        """The same with the embedding folded into the gates, the least that is known.
+        """The same with the embedding folded into the gates, the smallest known number.
 
-        Nothing lies between the two linear layers, so their product, formed once a minibatch, takes an
-        observation to the gates at once. It has O + 1 rows, one of them for the bias of the embedding, and
-        its two factors get their gradients from its own: three products of 2 (O + 1) E · 4 H operations.
+        The two linear layers follow each other directly, so their product, computed once for each minibatch,
+        maps an observation to the gates. It has O + 1 rows, one of them for the bias of the embedding, and
+        the gradients of its two factors follow from its own: three products of 2 (O + 1) E · 4 H operations.
         """
         gates = 4 * self.lstm
         product = 6 * (self.inputs + 1) * self.embedding * gates
@@ -94,7 +94,7 @@ class Task:
     def _behind_gates(self) -> int:
         """Operations of the recurrence, which the first step does not have, and of the dense layers.
 
-        Unlike those of the network, all of their inputs need a gradient, so a weight takes 6 operations.
+        All of their inputs need a gradient, so each weight takes 6 operations.
         """
         recurrent = (self.timesteps - 1) * self.lstm * 4 * self.lstm
         sizes = (self.lstm, *self.hidden, self.classes)

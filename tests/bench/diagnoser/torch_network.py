@@ -1,4 +1,4 @@
-"""The self-diagnose network and its training in PyTorch, as programs of a worker."""
+"""The network of the diagnoser and its training in PyTorch, as programs of a worker."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..trial import fastest
+from ..autotune import fastest
 from .task import Task
 from .windows import Windows
 
@@ -19,7 +19,7 @@ __all__ = ["FoldedNetwork", "FoldedTorchDiagnoser", "Network", "TorchDiagnoser"]
 
 Torch: TypeAlias = Any  # its types are unknown where it is not installed
 
-_TRIAL_STEPS = 8
+_TIMED_STEPS = 8
 
 
 class Network:
@@ -50,7 +50,7 @@ class Network:
             init.zeros_(layer.bias)
         init.kaiming_normal_(lstm.weight_ih_l0, nonlinearity="linear")
         init.orthogonal_(lstm.weight_hh_l0)
-        # PyTorch adds two biases of the gates. The forget gates, the second quarter, start open.
+        # PyTorch has two biases for each gate. Those of the forget gates, the second quarter, are 1.
         init.zeros_(lstm.bias_hh_l0)
         init.zeros_(lstm.bias_ih_l0)
         init.ones_(lstm.bias_ih_l0.detach()[lstm.hidden_size : 2 * lstm.hidden_size])
@@ -108,18 +108,18 @@ class TorchDiagnoser:
         self.note = f"torch {importlib.metadata.version('torch')} {self._use_fastest()}"
 
     def _use_fastest(self) -> str:
-        """Let oneDNN compute the LSTM or PyTorch's own loop, whichever is faster here; says which it is."""
+        """Apply the faster of oneDNN and PyTorch's own loop for the LSTM; return the choice as text."""
         trained = self._begin()
-        best, seconds = fastest([True, False], self._use_onednn, lambda: self._train(*trained, _TRIAL_STEPS))
+        best, seconds = fastest([True, False], self._use_onednn, lambda: self._train(*trained, _TIMED_STEPS))
         found = f"{seconds[True]:.2f} with, {seconds[False]:.2f} without"
         name = "with oneDNN" if best else "without oneDNN"
-        return f"{name}, as the faster setting in a trial (s for {_TRIAL_STEPS} minibatches: {found})"
+        return f"{name}, the faster setting (s for {_TIMED_STEPS} minibatches: {found})"
 
     def _use_onednn(self, use: bool) -> None:
         self._torch.backends.mkldnn.enabled = use
 
     def answer(self, number: float) -> dict[str, Any]:
-        """Train a new network for one epoch and `number` more; returns the fields of a `Sample`."""
+        """Train a new network for one epoch and `number` more; return the fields of a `Sample`."""
         trained = self._begin()
         loss = self._train(*trained)
         start = time.perf_counter()
@@ -137,7 +137,7 @@ class TorchDiagnoser:
     def _train(self, network: Network, adam: Torch, most: int | None = None) -> float:
         """Train on every sample once, or on `most` minibatches.
 
-        Returns the mean loss of the samples, each before the step that it took part in.
+        Returns the mean loss of the samples, each before the optimiser step of its minibatch.
         """
         order, total, done = self._rng.permutation(self._task.samples), 0.0, 0
         for samples in islice(np.array_split(order, self._task.steps), most):

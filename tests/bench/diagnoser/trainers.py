@@ -1,4 +1,4 @@
-"""What ``python -m tests.bench.diagnoser`` measures, as the process that measures sees it."""
+"""The trainers of ``python -m tests.bench.diagnoser``, as seen by the measuring process."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from dappo_batch._core import SimulationError
 
 from .. import rounds
 from ..commands import TrainingFailed, command_line, read_metrics
-from ..entry import Kept
+from ..entry import WorkerEntry
 from .task import Task
 
 __all__ = ["Ours", "Sample", "Torch", "TorchFolded", "Trainer", "sample_of"]
 
-# Nothing is validated on but the one rollout that the task has for it.
+# Validation uses only the one rollout that the task has for it.
 _SHARE_OF_ONE_ROLLOUT = 1e-9
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A few epochs of one contender.
+    """Some epochs of one trainer.
 
     Attributes
     ----------
     samples : int
-        Windows trained on, over all epochs.
+        Training windows of all epochs.
     seconds : float
         Elapsed time.
     loss : float
@@ -40,12 +40,12 @@ class Sample:
 
     @property
     def rate(self) -> float:
-        """Windows trained on per second."""
+        """Training windows per second."""
         return self.samples / self.seconds
 
 
 class Trainer(rounds.Trainer[Sample]):
-    """A way to train the network: new weights for one epoch, which is not counted, and so many more."""
+    """A training of new weights: one epoch that is not counted, and those that are measured."""
 
     def __init__(self, task: Task) -> None:
         self.require()
@@ -53,7 +53,7 @@ class Trainer(rounds.Trainer[Sample]):
 
 
 class Ours(Trainer):
-    """``dappo-batch diagnose train``, a process for each sample."""
+    """``dappo-batch diagnose train``, one process for each sample."""
 
     key = "ours"
     about = "dappo-batch diagnose train"
@@ -72,7 +72,7 @@ class Ours(Trainer):
             raise SimulationError(f"{self.key}: {error}") from error
 
     def settings(self, epochs: int) -> list[str]:
-        """Return the values of ``--set`` for `epochs` epochs, none of which patience leaves out."""
+        """Return the values of ``--set`` for `epochs` epochs without early stopping."""
         task = self._task
         return [
             "method=B",
@@ -93,10 +93,10 @@ class Ours(Trainer):
 
 
 def sample_of(metrics: tuple[dict[str, Any], ...]) -> Sample:
-    """Sum up the epochs of a training without the first, in which pages are touched."""
+    """Summarise the epochs of a training without the first, which allocates memory."""
     first, *epochs = metrics
     if not epochs:
-        raise TrainingFailed("the training has one epoch only, which warms up")
+        raise TrainingFailed("the training has only one epoch, which is the warm-up")
     try:
         return Sample(
             samples=int(epochs[-1]["samples"]) - int(first["samples"]),
@@ -104,11 +104,11 @@ def sample_of(metrics: tuple[dict[str, Any], ...]) -> Sample:
             loss=float(epochs[-1]["train_loss"]),
         )
     except KeyError as error:
-        raise TrainingFailed(f"metrics.jsonl does not say it: {error}") from error
+        raise TrainingFailed(f"metrics.jsonl lacks {error}") from error
 
 
-class Torch(Kept, Trainer):
-    """The same network in PyTorch, kept warm in a process of its own."""
+class Torch(WorkerEntry, Trainer):
+    """The same network in PyTorch, in a separate process for all rounds."""
 
     key = "torch"
     about = "PyTorch's layers, as the network is written"

@@ -1,7 +1,7 @@
-"""``python -m tests.bench.training``: env steps per second of complete PPO training beside other libraries.
+"""``python -m tests.bench.training``: env steps per second of PPO training, compared with other libraries.
 
-Every contender does the same work, `Task`, in a process of its own. They take turns, so the ratios hold on a
-busy or throttled machine too; the absolute numbers are those of the moment.
+Every trainer does the same work, `Task`, in a separate process, and measurements are interleaved. The ratios
+are therefore valid on a busy or throttled machine too; the absolute numbers depend on its current load.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import Any
 
-from dappo_batch.bench.measure import Spread, check, enter
+from dappo_batch.bench.measure import Spread, check, open_all
 from dappo_batch.machine import cores, describe
 
 from ..limits import limited_to
@@ -31,7 +31,7 @@ from .trainers import (
 __all__ = ["TRAINERS", "Trainer", "TrainingReport", "run"]
 
 TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
-"""Everything that may be measured; a new contender is a class like those here."""
+"""All trainers; add new ones here."""
 
 
 def run(
@@ -44,43 +44,43 @@ def run(
     seconds: float = 2.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> TrainingReport:
-    """Measure the training of this package beside that of every other library that is installed.
+    """Measure the training of this package and of the other libraries that are installed.
 
     Parameters
     ----------
     num_envs, horizon : int
         Environments N, and env steps T of each in one iteration.
     threads : int, optional
-        Threads of each contender; all cores if left out.
+        Threads of each trainer; by default the number of cores.
     iterations : int
         Iterations of a sample.
     rounds : int
-        Samples a contender.
+        Samples of each trainer.
     seconds : float
-        Least length of a sample of the machine's rates, s.
+        Minimum duration of a sample of the machine's rates, s.
     progress : callable, optional
-        Told what happens, for example ``print``.
+        Called with a text before each measurement, for example ``print``.
 
     Returns
     -------
     TrainingReport
-        The numbers, and what could not be measured and why.
+        The results, and the trainers that were not measured, with reasons.
 
     Raises
     ------
     ConfigError
         If an argument is out of range.
     SimulationError
-        If a contender fails after it has begun.
+        If a trainer fails after its start.
     """
     task = Task(cores() if threads is None else threads, num_envs, horizon)
     counts = {"envs": num_envs, "horizon": horizon, "threads": task.threads}
     counts |= {"iterations": iterations, "rounds": rounds}
     check({name: [value] for name, value in counts.items()}, seconds)
     described = describe()
-    entered = enter({kind.key: kind for kind in TRAINERS}, task, progress)
-    with limited_to(task.threads), entered as (entrants, missing), closing(Machine(task)) as machine:
-        trainers = [*entrants.values()]
+    opened = open_all({kind.key: kind for kind in TRAINERS}, task, progress)
+    with limited_to(task.threads), opened as (entries, missing), closing(Machine(task)) as machine:
+        trainers = [*entries.values()]
         measured = measure_rounds(machine.measure, trainers, iterations, rounds, seconds, progress)
     return TrainingReport(
         machine=described,

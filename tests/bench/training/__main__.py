@@ -8,17 +8,17 @@ from . import run
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Measure, and print what was found."""
+    """Measure, and print the report."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench.training",
-        description="Env steps per second of PPO training on the healthy Ant beside other libraries.",
+        description="Env steps per second of PPO training on the healthy Ant, compared with other libraries.",
         argument_default=argparse.SUPPRESS,
     )
     add = parser.add_argument
     add("--envs", dest="num_envs", type=int, metavar="N", help="environments [default: 16]")
     add("--horizon", type=int, metavar="T", help="env steps of an iteration [default: 512]")
     add("--iterations", type=int, metavar="N", help="iterations of a sample [default: 3]")
-    add("--threads", type=int, metavar="N", help="threads of each contender [default: all cores]")
+    add("--threads", type=int, metavar="N", help="threads of each trainer [default: all cores]")
     print_report(run, parser, argv)
 
 

@@ -1,15 +1,15 @@
-"""What the machine could do at best: its rates of matrix products and of physics."""
+"""Upper bounds of the machine: its rates of matrix multiplications and of physics."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
 
-from dappo_batch.bench.contenders import CONTENDERS, Workload
-from dappo_batch.bench.measure import SETTLING_STEPS
+from dappo_batch.bench.measure import WARM_UP_STEPS
+from dappo_batch.bench.simulators import SIMULATORS, Workload
 from dappo_batch.robots import load_robot
 
-from ..products import Products
+from ..matmul import SgemmBenchmark
 from .task import Task
 from .trainers import Sample
 
@@ -20,14 +20,14 @@ _LANE_ENVS = 4096
 
 @dataclass(frozen=True)
 class Rates:
-    """What the machine did in one round.
+    """The rates of the machine in one round.
 
     Attributes
     ----------
     sgemm : float
-        Floating-point operations per second in products of float32 matrices.
+        Floating-point operations per second in multiplications of float32 matrices.
     physics : dict
-        Env steps per second of contenders of `dappo_batch.bench` that do little else, by key.
+        Env steps per second of simulators of `dappo_batch.bench`, by key.
     """
 
     sgemm: float
@@ -36,7 +36,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class Bound:
-    """The least time of one iteration, s, if nothing but physics and matrix products took time."""
+    """The minimum time of one iteration, s, if only physics and matrix multiplications took time."""
 
     rollout_seconds: float
     update_seconds: float
@@ -50,7 +50,7 @@ class Bound:
 def bound_of(sample: Sample, physics: str, rates: Rates) -> Bound:
     """Return the bound of an iteration of `sample`: env steps / physics rate + flops / sgemm rate.
 
-    The networks' passes in the rollout, a thirtieth of those of an update with ten epochs, are left out.
+    The networks' passes in the rollout, a thirtieth of those of an update with ten epochs, are not counted.
     """
     return Bound(
         rollout_seconds=sample.env_steps / sample.iterations / rates.physics[physics],
@@ -63,23 +63,23 @@ class Machine:
 
     def __init__(self, task: Task) -> None:
         workload = Workload(load_robot("ant"), _LANE_ENVS, task.threads, task.seed)
-        self._physics = {key: CONTENDERS[key](workload) for key in ("mj_step", "lanes f32")}
-        for contender in self._physics.values():
-            contender.run_for(0.0, SETTLING_STEPS)
-        self._products = Products(task.threads)
-        self.note = self._products.note
+        self._physics = {key: SIMULATORS[key](workload) for key in ("mj_step", "lanes f32")}
+        for simulator in self._physics.values():
+            simulator.run_for(0.0, WARM_UP_STEPS)
+        self._sgemm = SgemmBenchmark(task.threads)
+        self.note = self._sgemm.note
 
     def measure(self, seconds: float) -> Rates:
         """Measure each rate for at least `seconds`."""
         rates = {}
-        for key, contender in self._physics.items():
+        for key, simulator in self._physics.items():
             start = time.perf_counter()
-            steps = contender.run_for(seconds)
+            steps = simulator.run_for(seconds)
             rates[key] = steps / (time.perf_counter() - start)
-        return Rates(self._products.measure(seconds), rates)
+        return Rates(self._sgemm.measure(seconds), rates)
 
     def close(self) -> None:
         """Free processes and memory."""
-        self._products.close()
-        for contender in self._physics.values():
-            contender.close()
+        self._sgemm.close()
+        for simulator in self._physics.values():
+            simulator.close()

@@ -38,11 +38,11 @@ class Rollout:
     log_probs, rewards : array of shape [T, N]
         Logarithmic densities of the actions, and rewards.
     values : array of shape [T + 1, N]
-        Values of the observations, and of those that the last step led to.
+        Values of the observations, including those after the last step.
     terminated, ended : array of shape [T, N]
-        Whether the step ended its episode by a fall, and whether it ended it at all.
+        Whether the step terminated its episode, and whether it terminated or truncated it.
     is_step : array of shape [T, N]
-        False where the call only reset the env: EnvPool does that in the call after the end of an episode.
+        False if the call only reset the env, which EnvPool does in the call after the end of an episode.
     """
 
     obs: NDArray[np.float32]
@@ -56,7 +56,7 @@ class Rollout:
 
     @classmethod
     def empty(cls, horizon: int, num_envs: int, obs_dim: int, action_dim: int) -> Rollout:
-        """Return one to be filled."""
+        """Return uninitialised buffers."""
         shape = (horizon, num_envs)
         return cls(
             obs=np.empty((*shape, obs_dim), np.float32),
@@ -73,7 +73,7 @@ class Rollout:
 def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> NDArray[np.float32]:
     """Return generalised advantage estimates (Schulman et al., 2016), [T, N].
 
-    An episode that the time limit cut short goes on with the value of its last observation.
+    Truncated episodes are bootstrapped with the value of their last observation.
     """
     following = np.where(rollout.terminated, 0.0, rollout.values[1:])
     errors = rollout.rewards + gamma * following - rollout.values[:-1]
@@ -86,7 +86,7 @@ def advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> NDArray[np.
 
 
 class EnvPoolPpo:
-    """PPO with a policy and a value net of PyTorch's layers, envs of EnvPool, and the sizes of the task."""
+    """PPO with networks of PyTorch, envs of EnvPool, and the sizes of the task."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
@@ -123,7 +123,7 @@ class EnvPoolPpo:
         return self._torch.distributions.Normal(means, self._log_std.exp()).log_prob(actions).sum(-1)
 
     def collect(self) -> Rollout:
-        """Let the policy act for `horizon` steps."""
+        """Collect a rollout of `horizon` steps."""
         torch, task = self._torch, self._task
         rollout = Rollout.empty(task.horizon, task.num_envs, self._obs_dim, self._action_dim)
         with torch.no_grad():
@@ -146,7 +146,7 @@ class EnvPoolPpo:
         rollout.terminated[step], rollout.ended[step] = terminated, self._ended
 
     def update(self, rollout: Rollout) -> int:
-        """Train both nets on a rollout; returns the rows that passed through each of them."""
+        """Train both networks on a rollout; return the number of rows of all epochs."""
         torch, task = self._torch, self._task
         estimates = advantages(rollout, task.gamma, task.gae_lambda)
         returns = estimates + rollout.values[:-1]

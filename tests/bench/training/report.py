@@ -1,4 +1,4 @@
-"""What a benchmark of training found, as a table for people and as JSON for programs."""
+"""The report of a benchmark of training, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dappo_batch import machine
 from dappo_batch.bench.measure import Spread, align
 
 from .. import rounds
-from ..products import gflops
+from ..matmul import gflops
 from ..rounds import ratios
 from .bound import Bound, Rates, bound_of
 from .trainers import EnvPoolTorch, Sample, StableBaselines, Trainer
@@ -18,7 +18,7 @@ from .trainers import EnvPoolTorch, Sample, StableBaselines, Trainer
 __all__ = ["PEERS", "Result", "Round", "TrainingReport", "results"]
 
 PEERS = (StableBaselines.key, EnvPoolTorch.key)
-"""Keys of the contenders that all others are compared with, where they could be measured."""
+"""Keys of the trainers with which all others are compared, if they were measured."""
 
 
 Round: TypeAlias = rounds.Round[Rates, Sample]
@@ -26,7 +26,7 @@ Round: TypeAlias = rounds.Round[Rates, Sample]
 
 @dataclass(frozen=True)
 class Result:
-    """One contender's numbers; times are those of one iteration.
+    """The results of one trainer; times are those of one iteration.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Result:
     rollout_seconds, update_seconds : Spread
         Time for collecting and for updating, s.
     ratios : dict
-        `rate` in terms of each of `PEERS` that was measured, compared round by round.
+        `rate` divided by that of each measured trainer of `PEERS`, round by round.
     physics : str
-        Whose rate of physics the bound is made of.
+        Simulator whose rate defines the bound of the rollout.
     bound_rollout_seconds, bound_update_seconds : Spread
         The parts of the bound, s.
     over_bound : Spread
-        Time in terms of the bound, compared round by round.
+        Time divided by the bound, round by round.
     """
 
     key: str
@@ -91,18 +91,18 @@ def _result(turns: Sequence[Round], trainer: Trainer) -> Result:
 
 @dataclass(frozen=True)
 class TrainingReport(rounds.Report):
-    """Everything that one call of ``python -m tests.bench.training`` found.
+    """The report of ``python -m tests.bench.training``.
 
     Attributes
     ----------
     results : tuple of Result
-        The measured contenders.
+        The measured trainers.
     sgemm : Spread
-        Floating-point operations per second in products of float32 matrices.
+        Floating-point operations per second in multiplications of float32 matrices.
     sgemm_note : str
-        Who multiplied them.
+        Library and threads of the multiplications.
     physics : dict
-        Env steps per second of those who do little else, by key.
+        Env steps per second of simulators, by key.
     """
 
     results: tuple[Result, ...]

@@ -16,14 +16,14 @@ from .torch_threads import use_fastest
 __all__ = ["StableBaselinesPpo"]
 
 _PACKAGES = ("stable-baselines3", "torch", "gymnasium", "mujoco")
-_TRIALS = 3  # the best of them counts: what interrupts one should not decide
-_TRIAL_STEPS = 40
+_REPEATS = 3  # the best counts, so that an interruption of one does not decide
+_TIMED_STEPS = 40
 
 
 class StableBaselinesPpo:
     """``PPO("MlpPolicy", make_vec_env("Ant-v5"))`` with the sizes of the task.
 
-    Envs run in one process or in one each, whichever is faster here.
+    Envs run in one process or in one process each, whichever is faster on this machine.
     """
 
     def __init__(self, task: Task) -> None:
@@ -89,7 +89,7 @@ class StableBaselinesPpo:
 
 
 def _fastest_envs(task: Task) -> tuple[Any, str]:
-    """Try both kinds of vectorised envs; return the faster one and a remark on the choice."""
+    """Time both kinds of vectorised envs; return the faster one and a remark on the choice."""
     make = importlib.import_module("stable_baselines3.common.env_util").make_vec_env
     kinds = importlib.import_module("stable_baselines3.common.vec_env")
     # Forked, because the library's default imports PyTorch in each of the processes.
@@ -101,23 +101,23 @@ def _fastest_envs(task: Task) -> tuple[Any, str]:
         for name, options in candidates.items()
     }
     rates = dict.fromkeys(made, 0.0)
-    for name in [*made] * _TRIALS:
+    for name in [*made] * _REPEATS:
         rates[name] = max(rates[name], _rate(made[name], task))
     best = max(rates, key=lambda name: rates[name])
     for name, envs in made.items():
         if name != best:
             envs.close()
     found = ", ".join(f"{name} {rate:.0f}" for name, rate in rates.items())
-    return made[best], f"{best}, as the faster one in a trial (env steps/s: {found})"
+    return made[best], f"{best}, the faster one (env steps/s: {found})"
 
 
 def _rate(envs: Any, task: Task) -> float:  # noqa: ANN401 - a class of a library that may be absent
     """Return the env steps per second with random actions."""
     width = envs.action_space.shape[0]
-    actions = np.random.default_rng(task.seed).uniform(-1.0, 1.0, (_TRIAL_STEPS, task.num_envs, width))
+    actions = np.random.default_rng(task.seed).uniform(-1.0, 1.0, (_TIMED_STEPS, task.num_envs, width))
     envs.reset()
     envs.step(actions[0].astype(np.float32))
     start = time.perf_counter()
     for batch in actions.astype(np.float32):
         envs.step(batch)
-    return _TRIAL_STEPS * task.num_envs / (time.perf_counter() - start)
+    return _TIMED_STEPS * task.num_envs / (time.perf_counter() - start)

@@ -1,4 +1,4 @@
-"""The training that every contender does: sizes and settings of PPO, and what its update costs."""
+"""The training task: sizes and settings of PPO, and the number of operations of its update."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ class Task:
     Attributes
     ----------
     threads : int
-        Threads, and where the system can do that cores, of a contender.
+        Threads of a trainer, and cores if the system supports a limit.
     num_envs, horizon : int
         Environments N, and env steps T of each in one iteration; the batch has N · T rows.
     epochs : int
         Passes of the policy and of the value net over the batch.
     minibatch_rows : int
-        Rows of a minibatch of a batch that has as many.
+        Rows of a minibatch; at most those of the batch.
     hidden : sequence of int
-        Units of the tanh layers; the policy and the value net share none.
+        Units of the tanh layers; the policy and the value net share no layers.
     gamma, gae_lambda : float
         Discount, and λ of generalised advantage estimation.
     clip_range : float
         ε of the clipped surrogate.
     learning_rate : float
-        Adam's.
+        Learning rate of Adam.
     seed : int
         Seed of envs, weights and shuffles.
     """
@@ -59,17 +59,17 @@ class Task:
 
 
 def pass_flops(sizes: Sequence[int]) -> int:
-    """Return the floating-point operations of one row's pass through an MLP, forwards and backwards.
+    """Return the floating-point operations of a forward and backward pass of one row through an MLP.
 
-    A layer of m inputs and n outputs is in three products of matrices, each of m n multiplications and as
-    many additions a row::
+    A layer with m inputs and n outputs takes three matrix products, each with m n multiplications and
+    additions for one row::
 
-        forwards                        y = W x       2 m n
+        forward                         y = W x       2 m n
         gradient of the weights         dW = dy xᵀ    2 m n
-        gradient of the inputs          dx = Wᵀ dy    2 m n, and 0 in the first layer: nobody needs it
+        gradient of the inputs          dx = Wᵀ dy    2 m n, and 0 in the first layer
 
-    Over all layers that is 6 Σ m n less 2 m n of the first. Biases, tanh, the loss and Adam are left out:
-    their work grows with m or n alone, or is done once a minibatch and not for each row.
+    Over all layers that is 6 Σ m n minus 2 m n of the first. Biases, tanh, the loss and Adam are not counted:
+    their work is proportional to m or n alone, or is done once for each minibatch.
 
     An update that passes r rows through the policy and v rows through the value net, epochs included, takes
     r · policy + v · value operations.

@@ -1,17 +1,17 @@
-"""How many of its threads PyTorch had better use."""
+"""The number of threads with which PyTorch is fastest."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
 
-from ..trial import fastest
+from ..autotune import fastest
 
 __all__ = ["use_fastest"]
 
 
 def use_fastest(most: int, iterate: Callable[[], object]) -> str:
-    """Try iterations with one thread and with `most`, keep the faster setting, and say what it is.
+    """Time iterations with one thread and with `most`, apply the faster setting, and return it as text.
 
     Threads of OpenMP wait for each other by spinning after every small product; on a busy machine one thread
     can be several times as fast as two.
@@ -19,4 +19,4 @@ def use_fastest(most: int, iterate: Callable[[], object]) -> str:
     torch = importlib.import_module("torch")
     best, seconds = fastest(sorted({1, most}), torch.set_num_threads, iterate)
     found = ", ".join(f"{count}: {time:.2f}" for count, time in seconds.items())
-    return f"torch with {best} of {most} threads, as the faster setting in a trial (s an iteration: {found})"
+    return f"torch with {best} of {most} threads, the faster setting (s an iteration: {found})"

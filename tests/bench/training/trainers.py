@@ -1,4 +1,4 @@
-"""What ``python -m tests.bench.training`` measures, as the process that measures sees it."""
+"""The trainers of ``python -m tests.bench.training``, as seen by the measuring process."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dappo_batch._core import SimulationError
-from dappo_batch.bench.contenders import Unavailable
+from dappo_batch.bench.simulators import Unavailable
 
 from .. import commands, rounds
 from ..commands import TrainingFailed, TrainingRun
-from ..entry import Kept
+from ..entry import WorkerEntry
 from .task import Task, pass_flops
 
 __all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
@@ -20,7 +20,7 @@ __all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableB
 
 @dataclass(frozen=True)
 class Sample:
-    """A few iterations of one contender.
+    """Some iterations of one trainer.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Sample:
     rollout_seconds, update_seconds : float
         Elapsed time of all iterations.
     update_flops : float
-        Floating-point operations that their updates need at least, see `pass_flops`.
+        Minimum number of floating-point operations of their updates, see `pass_flops`.
     """
 
     iterations: int
@@ -52,12 +52,12 @@ class Sample:
 
 
 class Trainer(rounds.Trainer[Sample]):
-    """A way to train.
+    """A training library or setting.
 
     Attributes
     ----------
     physics : str
-        The contender of `dappo_batch.bench` whose env steps per second bound its rollout.
+        The simulator of `dappo_batch.bench` whose env steps per second bound its rollout.
     num_envs, horizon : int
         Size of its batch.
     """
@@ -71,13 +71,13 @@ class Trainer(rounds.Trainer[Sample]):
         self.num_envs, self.horizon = task.num_envs, task.horizon
 
 
-# A run ends with an evaluation, which nobody measures; with fewer damage classes it is shorter. The training
-# has the healthy class only and does not change.
+# A run ends with an evaluation, which is not measured and is shorter with fewer damage classes. The training
+# uses only the healthy class and does not change.
 _SHORT_END = ("evaluation.episodes=1", "damage.max_damaged_limbs=1")
 
 
 class Ours(Trainer):
-    """``dappo-batch train``, a process for each sample; its first iteration is not counted."""
+    """``dappo-batch train``, one process for each sample; its first iteration is not counted."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
@@ -92,7 +92,7 @@ class Ours(Trainer):
 
     @abstractmethod
     def options(self, task: Task) -> list[str]:
-        """Arguments of ``train`` that differ between these contenders."""
+        """Arguments of ``train`` that differ between these trainers."""
 
     def settings(self, task: Task) -> list[str]:
         """Values of ``--set``.
@@ -117,7 +117,7 @@ class Ours(Trainer):
         ]
 
     def train(self, amount: int) -> Sample:
-        """Train for `amount` iterations, without a warm-up among them."""
+        """Train for `amount` iterations, not counting a warm-up."""
         steps = (amount + 1) * self.num_envs * self.horizon
         try:
             run = commands.train([*self._arguments, f"total_steps={steps}"], self._threads)
@@ -127,10 +127,10 @@ class Ours(Trainer):
 
 
 def sample_of(run: TrainingRun) -> Sample:
-    """Sum up a run without its first iteration, in which pages are touched and there is no previous batch."""
+    """Summarise a run without its first iteration, which allocates memory and has no previous batch."""
     rows, config, shapes = run.metrics[1:], run.config, run.learner
     if not rows:
-        raise TrainingFailed("the run has one iteration only, which warms up")
+        raise TrainingFailed("the run has only one iteration, which is the warm-up")
     try:
         batch = int(config["env"]["num_envs"]) * int(config["horizon"])
         inputs, hidden, outputs = int(shapes["obs_dim"]), list(shapes["hidden"]), int(shapes["action_dim"])
@@ -145,7 +145,7 @@ def sample_of(run: TrainingRun) -> Sample:
             update_flops=float(policy_rows * policy + value_rows * value),
         )
     except KeyError as error:
-        raise TrainingFailed(f"the run folder does not say it: {error}") from error
+        raise TrainingFailed(f"the run folder lacks {error}") from error
 
 
 class Lanes(Ours):
@@ -156,7 +156,7 @@ class Lanes(Ours):
     physics = "lanes f32"
 
     def options(self, task: Task) -> list[str]:
-        """Arguments of ``train`` that differ between these contenders."""
+        """Arguments of ``train`` that differ between these trainers."""
         return ["--envs", str(task.num_envs), "--backend", "lanes"]
 
 
@@ -167,21 +167,19 @@ class Mujoco(Ours):
     about = "dappo-batch train --backend mujoco"
 
     def options(self, task: Task) -> list[str]:
-        """Arguments of ``train`` that differ between these contenders."""
+        """Arguments of ``train`` that differ between these trainers."""
         return ["--envs", str(task.num_envs), "--backend", "mujoco"]
 
 
 class AsConfigured(Ours):
-    """``dappo-batch train`` with the sizes that users get."""
+    """``dappo-batch train`` with the default sizes."""
 
     key = "ours lanes, as configured"
-    about = (
-        "dappo-batch train --backend lanes with the sizes of configs/ant.toml: another batch, other epochs"
-    )
+    about = "dappo-batch train --backend lanes with the sizes of configs/ant.toml: different batch and epochs"
     physics = "lanes f32"
 
     def options(self, task: Task) -> list[str]:
-        """Arguments of ``train`` that differ between these contenders."""
+        """Arguments of ``train`` that differ between these trainers."""
         return ["--backend", "lanes"]
 
     def settings(self, task: Task) -> list[str]:
@@ -189,19 +187,19 @@ class AsConfigured(Ours):
         return [f"seed={task.seed}"]
 
 
-class Peer(Kept, Trainer):
-    """Somebody else's training."""
+class Peer(WorkerEntry, Trainer):
+    """A training of another library."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self.start(task)
         try:
-            self.train(1)  # what a first iteration allocates and loads must not be timed
+            self.train(1)  # the first iteration allocates and loads, and is not timed
         except SimulationError as error:
             raise Unavailable(str(error)) from error
 
     def train(self, amount: int) -> Sample:
-        """Train for `amount` iterations, without a warm-up among them."""
+        """Train for `amount` iterations, not counting a warm-up."""
         return Sample(**self.ask(amount))
 
 

@@ -1,4 +1,4 @@
-"""Try odd inputs for some minutes, in worker processes that are started anew when one kills them."""
+"""Try odd inputs for some minutes, in worker processes that are restarted when one kills them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from .judge import Fault, Output, attempt
+from .outcome import Fault, Output, attempt
 from .room import Room, prepare
 from .targets import TARGETS
 from .worker import ENDED, Board, case_name, record
@@ -79,7 +79,7 @@ def main() -> int:
 
 
 class Worker:
-    """A process that is started anew whenever it ends."""
+    """A process that is restarted when it ends."""
 
     def __init__(self, out: Path, fast: Path, seed: int, number: int, names: list[str]) -> None:
         self.out, self.fast, self.seed, self.number, self.names = out, fast, seed, number, names
@@ -95,7 +95,7 @@ class Worker:
         )
 
     def look(self, limit: float) -> None:
-        """Start the process anew if it has ended; stop it if its input takes too long."""
+        """Restart the process if it has ended; stop it if its input takes too long."""
         number, target, used = self.board.now
         code = self._process.poll()
         if code is not None:
@@ -110,7 +110,7 @@ class Worker:
             self._process = self._start()
 
     def _is_late(self, number: int, used: float, limit: float) -> bool:
-        """Whether an input has cost too much time of a processor, or has waited for too long."""
+        """Whether an input has used too much processor time, or has waited too long."""
         try:
             fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -157,7 +157,7 @@ def _supervise(workers: list[Worker], out: Path, seconds: float, limit: float) -
 
 
 def _summary(workers: list[Worker], out: Path) -> int:
-    """Write and print what was found so far."""
+    """Write and print the findings so far."""
     fast = workers[0].fast
     refused: Counter[str] = Counter()
     accepted: Counter[str] = Counter()

@@ -1,4 +1,4 @@
-"""Arguments of the functions and methods that a program calls."""
+"""Arguments of the public functions and methods."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _odd(rng: Random, valid: Any) -> Any:  # noqa: ANN401
 
 
 def damage_spec(rng: Random, room: Room) -> None:
-    """Name damage in a space of classes."""
+    """Parse damage specs."""
     space = _space()
     if rng.random() < 0.3:
         limbs = rng.choice((1, 3, 4, 6, 20, values.anything(rng)))
@@ -79,7 +79,7 @@ def damage_spec(rng: Random, room: Room) -> None:
 
 
 def table(rng: Random, room: Room) -> None:
-    """Compile damage classes, and make envs of them, with odd options."""
+    """Compile class tables, and create envs with them, with odd options."""
     odd: dict[str, Any] = {
         "types": list(TYPES[:2]),
         "max_damaged_limbs": 1,
@@ -99,7 +99,7 @@ def table(rng: Random, room: Room) -> None:
 
 
 def environment(rng: Random, room: Room) -> None:
-    """Make and reset envs with odd options."""
+    """Create and reset envs with odd options."""
     valid: dict[str, Any] = {
         **{"damage": "uniform", "onset": (0, 3), "seed": 1, "reward": "paper", "observe_damage": True},
         **{
@@ -150,8 +150,8 @@ def objects(rng: Random, room: Room) -> None:
     use = rng.randrange(5)
     if use == 0:
         policy = _policy(room.base)
-        told = rng.choice((None, 1, "healthy", values.anything(rng)))
-        room.call(policy.act, values.array(rng, (2, policy.obs_dim)), damage_class=told)
+        chosen = rng.choice((None, 1, "healthy", values.anything(rng)))
+        room.call(policy.act, values.array(rng, (2, policy.obs_dim)), damage_class=chosen)
     elif use == 1:
         diagnoser = _diagnoser(room.base)
         method = rng.choice((diagnoser.diagnose, diagnoser.twin))
@@ -190,7 +190,7 @@ def walk(rng: Random, room: Room) -> None:
 
 
 def single_env(rng: Random, room: Room) -> None:
-    """Make, reset and step a single env with odd options."""
+    """Create, reset and step a single env with odd options."""
     valid: dict[str, Any] = {
         "damage": "uniform",
         "onset": (0, 3),

@@ -129,7 +129,7 @@ def _change(rng: Random, room: Room, words: list[str]) -> None:
 
 
 def _is_long(words: list[str], at: int) -> bool:
-    """Whether a word asks for much to do, which is no mistake."""
+    """Whether a word is a valid argument that takes long."""
     word = words[at]
     name, _, number = word.partition("=")
     if not number:

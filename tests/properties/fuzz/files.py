@@ -45,7 +45,7 @@ def robot_file(rng: Random, room: Room) -> None:
 
 
 def robot(rng: Random, room: Room) -> None:
-    """Compile a robot and let it walk."""
+    """Compile a robot and simulate it."""
     toml, xml = (_text(room.base / "robot" / f"tripod.{kind}") for kind in ("toml", "xml"))
     toml = toml.replace("max_damaged_limbs = 3", "max_damaged_limbs = 1")
     changed = rng.randrange(3)
@@ -97,7 +97,7 @@ def _keys(base: Path) -> dict[str, Any]:
 
 
 def setting(rng: Random, room: Room, *, runs: bool = False) -> str:
-    """Return a setting, mostly of a key that there is; with `runs`, none that makes a training long."""
+    """Return a setting, mostly of an existing key; with `runs`, none that makes a training long."""
     keys = _keys(room.base)
     key = rng.choice(list(keys))
     value = mutate.value(rng, keys[key])
@@ -120,5 +120,5 @@ def toml_text(rng: Random, source: str) -> str:
 
 
 def odd_name(rng: Random) -> str:
-    """Return a name of something that is mostly not there."""
+    """Return a name that mostly does not exist."""
     return rng.choice(values.STRINGS)

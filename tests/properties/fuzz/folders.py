@@ -1,4 +1,4 @@
-"""Runs, diagnosers, datasets and exports of which something was changed."""
+"""Runs, diagnosers, datasets and exports with changed files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _damage_file(rng: Random, path: Path, files: list[Path]) -> None:
 
 
 def _put_no_file(rng: Random, path: Path) -> None:
-    """Put something where a file is expected that cannot be read to its end, or not at all."""
+    """Replace a file by something that cannot be read, such as a pipe."""
     kind = rng.randrange(5)
     if kind == 0:
         path.mkdir()
@@ -67,7 +67,7 @@ def _put_no_file(rng: Random, path: Path) -> None:
 
 
 def run_folder(rng: Random, room: Room) -> None:
-    """Read, resume and evaluate a run, and make a controller of it."""
+    """Read, resume and evaluate a run, and create a controller from it."""
     run = room.copy("run")
     _damage(rng, run)
     use = rng.randrange(10)
@@ -88,7 +88,7 @@ def run_folder(rng: Random, room: Room) -> None:
 
 
 def diagnoser_folder(rng: Random, room: Room) -> None:
-    """Read, test and resume a diagnoser."""
+    """Load, evaluate and resume a diagnoser."""
     diagnoser = room.copy("diagnoser")
     _damage(rng, diagnoser)
     use = rng.randrange(8)
@@ -109,7 +109,7 @@ def diagnoser_folder(rng: Random, room: Room) -> None:
 
 
 def dataset(rng: Random, room: Room) -> None:
-    """Learn from a dataset, test on it, and add to it."""
+    """Train and evaluate a diagnoser on a dataset, and extend it."""
     pairs = room.copy("pairs")
     _damage(rng, pairs)
     use = rng.randrange(4)

@@ -16,7 +16,7 @@ from .files import WORK
 from .room import Room
 
 SIZES = ("robot", "num_envs", "total_steps", "episodes", "at", "set", "rollouts", "timesteps", "data")
-"""Options that are never left out: with those by default a command would take long."""
+"""Options that are always given, because the defaults would take long."""
 TRAINING: dict[str, Any] = {
     **{"num_envs": 2, "total_steps": 16, "seed": 1, "unaware": True, "healthy": False, "reward": "paper"},
     **{"physics": "euler", "backend": "lanes", "precision": "f32", "learner": "cpu", "device": "cpu"},
@@ -72,7 +72,7 @@ class _Here(Executor):
 
 
 def _changed(rng: Random, valid: dict[str, Any]) -> dict[str, Any]:
-    """Return options, some left out and some odd, but none that asks for much work: that is no mistake."""
+    """Return options, some missing and some odd, but none that is valid and takes long."""
     chosen = {name: value for name, value in valid.items() if name in SIZES or rng.random() < 0.4}
     for name in rng.sample(list(valid), rng.randrange(3)):
         odd = mutate.value(rng, valid[name]) if rng.random() < 0.5 else values.anything(rng)

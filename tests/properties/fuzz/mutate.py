@@ -97,13 +97,13 @@ def tree(rng: Random, source: Any) -> Any:  # noqa: ANN401
 
 
 def value(rng: Random, source: Any) -> Any:  # noqa: ANN401
-    """Change a value or what it holds."""
+    """Change a value or its content."""
     changed = tree(rng, {"": source})
     return changed.get("", source) if isinstance(changed, dict) else changed
 
 
 def _near(rng: Random, value: Any) -> Any:  # noqa: ANN401
-    """Return another value of the same kind, which the first checks let through."""
+    """Return another value of the same kind, which passes the first checks."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):

@@ -1,4 +1,4 @@
-"""The valid files that inputs are made from, and the folder in which a case may do what it likes."""
+"""The valid files from which inputs are generated, and the temporary folder of a case."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
         *("--episodes", "1", "--threads", "1", "--log", "trace.csv"),
     ),
 )
-"""What makes the valid folders, each as small as can be."""
+"""Commands that create the valid folders, with minimal sizes."""
 
 
 class BadExit(Exception):
-    """The command line ended with a code that stands for nothing."""
+    """The command line exited with an undocumented code."""
 
 
 def prepare(base: Path) -> None:
@@ -71,7 +71,7 @@ class Room:
     folder : Path
         Where the case works. It lies two levels below what is emptied, as a case may write to ``..``.
     notes : list of str
-        The calls of the case, for whoever looks at a fault.
+        The calls of the case, for the report of a fault.
     codes : list of int
         Exit codes of its command lines.
     """
@@ -85,7 +85,7 @@ class Room:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the last case."""
+        """Clear the folder of the last case."""
         self.notes.clear()
         self.codes.clear()
         shutil.rmtree(self.root, ignore_errors=True)
@@ -104,7 +104,7 @@ class Room:
         return self.folder / names[0]
 
     def call(self, function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
-        """Call a function, and note with what."""
+        """Call a function, and record the call."""
         shown = [*map(_shown, arguments), *(f"{name}={_shown(value)}" for name, value in options.items())]
         self.notes.append(f"{getattr(function, '__qualname__', function)}({', '.join(shown)})")
         return function(*arguments, **options)
@@ -114,7 +114,7 @@ class Room:
         self._note_code(self.call(run_cli, list(argv)))
 
     def stopped_command(self, argv: Sequence[str]) -> None:
-        """Run a command line in a process of its own that Ctrl-C stops as soon as it prints something."""
+        """Run a command line in a separate process, and send Ctrl-C as soon as it prints something."""
         reader, writer = os.pipe()
         child = os.fork()
         if child == 0:
@@ -146,7 +146,7 @@ def _shown(value: object) -> str:
 
 
 def sign(folder: Path) -> None:
-    """Let lengths and checksums fit the files again, so that readers get to see what was changed."""
+    """Update lengths and checksums, so that readers accept the changed files."""
     for path in _files(folder, "manifest.json"):
         _sign_list(path, "files", lambda data: {"bytes": len(data), "crc32": zlib.crc32(data)})
     for path in (*_files(folder, "export.json"), *_files(folder, "robot.json")):
@@ -158,7 +158,7 @@ def sign(folder: Path) -> None:
 
 
 def _files(folder: Path, name: str) -> Iterator[Path]:
-    """Yield the files of a name below a folder, but nothing that never ends."""
+    """Yield the regular files of a name below a folder."""
     return (path for path in folder.rglob(name) if path.is_file())
 
 

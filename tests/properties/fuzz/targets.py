@@ -1,4 +1,4 @@
-"""Kinds of input, each a function that makes one from a source of random numbers and tries it."""
+"""Kinds of input, each a function that generates one from a source of random numbers and tries it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values that an argument or a file may hold by mistake."""
+"""Invalid values of arguments and files."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def anything(rng: Random) -> Any:  # noqa: ANN401
 
 
 def array(rng: Random, shape: tuple[int, ...], dtype: type = np.float32) -> Any:  # noqa: ANN401
-    """Return what should be an array of this shape: mostly one, with odd entries, shape, dtype or layout."""
+    """Return an array of this shape, or one with odd entries, shape, dtype or layout, or another value."""
     if rng.random() < 0.15:
         return anything(rng)
     sizes = list(shape)

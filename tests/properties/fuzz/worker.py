@@ -1,4 +1,4 @@
-"""A process that tries one input after the other, and may die of one.
+"""A process that tries one input after the other, and may crash.
 
 What it is doing stands in a file that its supervisor maps, too; so the supervisor knows what it has died of.
 """
@@ -21,21 +21,21 @@ from hashlib import sha256
 from pathlib import Path
 from random import Random
 
-from .judge import Fault, Output, attempt
+from .outcome import Fault, Output, attempt
 from .room import Room
 from .targets import TARGETS
 
 ADDRESS_SPACE = 8 << 30
 LARGEST_FILE = 256 << 20
 ENDED = 3
-"""Exit code of a worker that has done its share, or grown too large, and wants a successor."""
+"""Exit code of a worker that has done its share, or uses too much memory, and must be replaced."""
 _SHARE = 20_000
 _LARGEST_MEMORY = 1_500 << 20
 _NOW = struct.Struct("<Qqd")  # number of the case, its target (-1: none), processor seconds before it
 
 
 class Board:
-    """Where a worker stands and what it has counted, in a file that two processes map."""
+    """Progress and counters of a worker, in a file that two processes map."""
 
     def __init__(self, path: Path) -> None:
         size = _NOW.size + 16 * len(TARGETS)

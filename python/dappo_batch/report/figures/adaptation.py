@@ -1,4 +1,4 @@
-"""Figures of damage during an episode: what is kept of the speed, and single episodes step by step."""
+"""Figures of damage during an episode: remaining speed, and single episodes step by step."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def shares(table: Table) -> dict[str, float]:
 
 
 def kept(runs: Sequence[Run], names: Sequence[str]) -> Picture | None:
-    """Draw what is kept of the oracle's forward reward after the damage; None where it cannot be said."""
+    """Draw shares of the oracle's forward reward after the onset; None if they are unknown."""
     found = [shares(run.adaptation or {}) for run in runs]
     legend = [
         Key(label, Mark(SERIES[index]))
@@ -82,7 +82,7 @@ def kept(runs: Sequence[Run], names: Sequence[str]) -> Picture | None:
 
 
 def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
-    """Draw the speed over episodes with the same damage, the damage, and what the controller did about it."""
+    """Draw the speed in episodes with the same damage, the onset, and the events of the controller."""
     first = traces[0]
     lines = [Key(own, Mark(mark(index).colour, "-")) for index, own in enumerate(names)]
     happened = [[kind for _, kind in _kinds(trace)] for trace in traces]
@@ -117,7 +117,7 @@ def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
 
     caption = f"Forward velocity, mean over the last {_SMOOTH} steps."
     if first.onset is not None:
-        caption += f" Shaded: {first.damage} is in force, from step {first.table['step'][first.onset]} on."
+        caption += f" Shaded: {first.damage} is active, from step {first.table['step'][first.onset]} on."
     if any(happened):
         caption += " Vertical lines, in the colour of their episode: what the controller did."
     return Picture(name, first.damage, caption, draw, (*lines, *events))
@@ -126,7 +126,7 @@ def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
 def _kinds(trace: Trace) -> list[tuple[int, str]]:
     """Return the events that change what the robot does: the row of a step, and the kind."""
     kinds = [(row, event.split(" ")[0]) for row, event, _ in trace.events()]
-    # What the policy is given after a withdrawal belongs to that.
+    # A change of the class after a withdrawal belongs to the withdrawal.
     withdrawn = {row for row, kind in kinds if kind == "withdrawn"}
     return [
         (row, kind) for row, kind in kinds if kind in _EVENTS and not (kind == "adapted" and row in withdrawn)

@@ -19,11 +19,11 @@ from dappo_batch.report.theme import INK, MUTED, WIDTH, mark
 
 __all__ = ["confusion", "epochs", "table1"]
 
-# Nothing is transparent, so that one picture suits a light and a dark page; text stays readable on most.
+# Opaque colours, for light and dark pages.
 _FAINT = LinearSegmentedColormap.from_list("faint", [(*(0.18, 0.55, 0.75), 0.0), (*(0.18, 0.55, 0.75), 0.7)])
 _FULL = LinearSegmentedColormap.from_list("full", [(*(0.18, 0.55, 0.75), 0.0), (*(0.18, 0.55, 0.75), 1.0)])
 _NAMED = 12
-"""Most classes whose names fit beside a matrix."""
+"""Maximum number of classes whose names fit next to a matrix."""
 
 
 def table1(found: Table1, name: str) -> Picture:
@@ -86,7 +86,7 @@ def _bare(axes: Axes) -> None:
 
 
 def epochs(diagnosers: Sequence[Diagnoser], names: Sequence[str]) -> Picture | None:
-    """Draw the share of mistakes on validation windows over epochs; None if there are no epochs."""
+    """Draw the share of misclassified validation windows over epochs; None if there are no epochs."""
     curves = [
         (name, diagnoser.epochs["epoch"], 100.0 * (1.0 - diagnoser.epochs[column].astype(np.float64)))
         for name, diagnoser in zip(names, diagnosers, strict=True)
@@ -99,23 +99,23 @@ def epochs(diagnosers: Sequence[Diagnoser], names: Sequence[str]) -> Picture | N
     def draw(width: float) -> Figure:
         figure, (axes,) = canvas(width, 2.6)
         for (_, numbers, mistakes), how in zip(curves, marks, strict=True):
-            # A logarithmic axis has no place for none at all.
+            # A logarithmic axis has no zero.
             shown = np.where(mistakes > 0, mistakes, np.nan)
             axes.plot(numbers, shown, how.dash, color=how.colour, marker=how.marker, markersize=3)
         axes.set_yscale("log")
         axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_formatter="")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("epoch")
-        axes.set_ylabel("mistakes, % of windows")
+        axes.set_ylabel("misclassified windows, %")
         return figure
 
-    caption = "Share of the validation windows whose class was not predicted, after each epoch."
+    caption = "Share of the validation windows that are misclassified, after each epoch."
     legend = [Key(name, how) for (name, _, _), how in zip(curves, marks, strict=True)]
     return Picture("diagnosers-training", "Training of the diagnosers", caption, draw, legend)
 
 
 def confusion(test: DiagnoserTest, name: str, title: str) -> Picture:
-    """Draw which class was predicted for which, as shares of the true class."""
+    """Draw the confusion matrix, as shares of the windows of the true class."""
     totals = test.confusion.sum(axis=1, keepdims=True)
     share = 100.0 * test.confusion / np.maximum(totals, 1.0)
     has_names = len(test.names) <= _NAMED
@@ -132,7 +132,7 @@ def confusion(test: DiagnoserTest, name: str, title: str) -> Picture:
         axes.spines[:].set(visible=True, color=MUTED)
         bar = figure.colorbar(image, orientation="horizontal", location="top", shrink=0.6, aspect=30)
         if bar.solids is not None:
-            # A picture and not 256 rectangles.
+            # As a picture instead of 256 rectangles.
             bar.solids.set(rasterized=True)
         bar.set_label("% of the windows of a true class", color=INK, fontsize=8)
         return figure

@@ -28,7 +28,7 @@ _AROUND = 1.1  # in, above and below rows
 _LINE = 0.29  # in, of a row with a label of two lines
 _ROOM = 0.075  # in, of a learner in a row
 _ROWS = 13
-"""Most damage classes in one figure: three of them fill a screen."""
+"""Maximum number of damage classes in a figure."""
 
 _Array: TypeAlias = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def classes(robot: str, learners: Sequence[Learner], seconds: float | None) -> l
             file, title = f"{file}-{number}", f"{title}, {number} of {len(parts)}"
         some = [each.only(part) for each in scores]
         picture = _dots(file, title, learners, some, seconds, reach)
-        # One caption explains them all.
+        # Only the first figure has a caption.
         drawn.append(picture if number == 1 else replace(picture, caption=""))
     return drawn
 
@@ -63,14 +63,14 @@ def groups(robot: str, learners: Sequence[Learner], seconds: float | None) -> Pi
 
 
 def encodings(robot: str, learners: Sequence[Learner], seconds: float | None) -> Picture | None:
-    """Draw the mean forward reward by the damage code that is observed; None with the true one alone."""
+    """Draw the mean forward reward by encoding; None if there is only ``true``."""
     given_another = [learner for learner in learners if any(map(learner.evaluated, list(_ENCODINGS)[1:]))]
     given = [
         encoding for encoding in _ENCODINGS if all(learner.evaluated(encoding) for learner in given_another)
     ]
     if not given_another or len(given) < 2:
         return None
-    # Seeds of one row must be those of the others.
+    # All rows must have the same seeds.
     compared = [learner.only(given) for learner in given_another]
     if not all(learner.runs for learner in compared):
         return None

@@ -1,4 +1,4 @@
-"""What several figures have: a legend of learners, and an axis in metres."""
+"""Common parts of figures: a legend of learners, and an axis in metres."""
 
 from __future__ import annotations
 

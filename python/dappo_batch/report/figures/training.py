@@ -1,4 +1,4 @@
-"""Figures of a training: curves over env steps, and how fast it was."""
+"""Figures of a training: curves over env steps, and throughput."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def curves(
     robot : str
         Name of the robot.
     learners : sequence of Learner
-        Who to draw.
+        Learners to draw.
     column : str
         Name in ``metrics.jsonl``.
     title, unit : str
-        What it is and what it is measured in.
+        Title and unit.
     weighted : bool
         Whether the column is a mean over episodes.
     seconds : float, optional
@@ -89,7 +89,7 @@ def _curve(axes: Axes, learner: Learner, curve: Curve) -> None:
 
 
 def throughput(robot: str, learners: Sequence[Learner]) -> Picture:
-    """Draw how long a million env steps of training took, and where the time went."""
+    """Draw the time of a million env steps of training, split into rollout and update."""
     parts = ("rollout", "update")
 
     def draw(width: float) -> Figure:

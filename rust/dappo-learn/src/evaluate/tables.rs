@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::csv_table::{number, table};
 use crate::error::{LearnError, Result};
+use crate::metrics::EvaluationMeans;
 use crate::run_folder::{EvaluationFolder, RunFolder};
 use crate::simulator::Simulator;
 use crate::statistics::mean;
@@ -183,6 +184,17 @@ impl Evaluation {
             cells.into_iter().chain(self.simulator.cells()).collect()
         };
         table(&columns, self.groups.iter().map(row))
+    }
+}
+
+impl From<&Evaluation> for EvaluationMeans {
+    fn from(evaluation: &Evaluation) -> Self {
+        let all = evaluation.all();
+        Self {
+            evaluation_forward_reward: Some(all.forward_reward),
+            evaluation_forward_velocity: Some(all.forward_velocity),
+            evaluation_fall_rate: Some(all.falls as f64 / all.episodes as f64),
+        }
     }
 }
 

@@ -8,7 +8,6 @@ mod log;
 use serde::Serialize;
 
 use crate::episodes::EpisodeSummary;
-use crate::evaluate::Evaluation;
 use crate::ppo::PpoLosses;
 use crate::simulator::Simulator;
 
@@ -23,17 +22,6 @@ pub struct EvaluationMeans {
     pub evaluation_forward_velocity: Option<f64>,
     /// Share of the episodes that ended in failure.
     pub evaluation_fall_rate: Option<f64>,
-}
-
-impl From<&Evaluation> for EvaluationMeans {
-    fn from(evaluation: &Evaluation) -> Self {
-        let all = evaluation.all();
-        Self {
-            evaluation_forward_reward: Some(all.forward_reward),
-            evaluation_forward_velocity: Some(all.forward_velocity),
-            evaluation_fall_rate: Some(all.falls as f64 / all.episodes as f64),
-        }
-    }
 }
 
 /// The metrics of one iteration.

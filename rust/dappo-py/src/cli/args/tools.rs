@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{ArgAction, Args};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
@@ -15,8 +15,8 @@ use crate::factory::to_python;
 /// Arguments of `report`.
 #[derive(Debug, Args, IntoPyObjectRef)]
 pub struct ReportArgs {
-    /// A run folder, a folder of `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`; runs that differ in
-    /// nothing but their seed are drawn as one learner
+    /// A run folder, a folder of `sweep`, `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`; runs that
+    /// differ in nothing but their seed are drawn as one learner
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
     /// The page, which needs nothing else
@@ -28,6 +28,9 @@ pub struct ReportArgs {
     /// Heading of the page
     #[arg(long, value_name = "TEXT", default_value = "dappo-batch report")]
     pub title: String,
+    /// Leave out the film strips, which simulate every learner
+    #[arg(long = "no-film-strips", action = ArgAction::SetFalse)]
+    pub film_strips: bool,
 }
 
 /// Arguments of `sweep`.

@@ -1,4 +1,4 @@
-"""The machine's rate of matrix products, which bounds every training."""
+"""The machine's rate of matrix multiplications, which bounds every training."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from dappo_batch.bench.measure import Spread
 
 from .worker import Worker
 
-__all__ = ["Products", "Sgemm", "Threads", "gflops"]
+__all__ = ["Sgemm", "SgemmBenchmark", "Threads", "gflops"]
 
 _SIZE = 1024
 
 
 @dataclass(frozen=True)
 class Threads:
-    """How many threads a worker may use."""
+    """The number of threads of a worker."""
 
     threads: int
 
@@ -58,13 +58,13 @@ def gflops(rate: Spread) -> str:
     return Spread(*(1e-9 * value for value in (rate.median, rate.low, rate.high))).text(".1f")
 
 
-class Products:
-    """Measures the rate of `Sgemm` with one thread and with several; the faster counts."""
+class SgemmBenchmark:
+    """Measures the rate of `Sgemm` with one thread and with several; the faster one counts."""
 
     def __init__(self, threads: int) -> None:
-        # One thread too: on a busy machine it may do more than several, which wait for each other.
+        # Also one thread: on a busy machine it can be faster than several, which wait for each other.
         counts = sorted({1, threads})
-        self._workers = [Worker("tests.bench.products:Sgemm", Threads(count)) for count in counts]
+        self._workers = [Worker("tests.bench.matmul:Sgemm", Threads(count)) for count in counts]
         best = f"best of {' and '.join(map(str, counts))} threads" if len(counts) > 1 else "1 thread"
         self.note = f"{self._workers[0].note}, {best}"
 

@@ -1,4 +1,4 @@
-"""What happened to an input: an answer that was meant, or a fault."""
+"""The outcome of an input: a valid result, a typed error, or a fault."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _TRACE = "Traceback (most recent call last)"
 
 @dataclass(frozen=True)
 class Fault:
-    """An input whose answer is a mistake of the program.
+    """An input that reveals a bug.
 
     Attributes
     ----------
     kind : str
-        ``panic``, ``abort``, ``hang``, ``untyped``, ``exit`` or ``wrong``, a result that cannot be one.
+        ``panic``, ``abort``, ``hang``, ``untyped``, ``exit`` or ``wrong``, an invalid result.
     where : str
         Place in the code, as far as known.
     what : str
@@ -45,7 +45,7 @@ class Fault:
 
     @property
     def signature(self) -> str:
-        """Equal for inputs that show the same mistake."""
+        """Equal for inputs that reveal the same bug."""
         what = self.what.partition(":")[0] if self.kind == "untyped" else _NUMBERS.sub("#", self.what)[:80]
         return f"{self.kind} {self.where} {what}"
 
@@ -58,7 +58,7 @@ class Output:
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Send what this process prints, in Python and elsewhere, to the file."""
+        """Redirect the output of this process, in Python and native code, to the file."""
         sys.stdout.flush()
         sys.stderr.flush()
         before, streams = [os.dup(1), os.dup(2)], (sys.stdout, sys.stderr)
@@ -87,7 +87,7 @@ class Output:
 
 
 def attempt(target: str, case: str, room: Room, output: Output) -> tuple[bool, Fault | None]:
-    """Try an input; return whether it was accepted, and what was wrong with the answer."""
+    """Try an input; return whether it was accepted, and the fault, if there is one."""
     function, _ = TARGETS[target]
     error: BaseException | None = None
     try:

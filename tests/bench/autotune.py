@@ -1,4 +1,4 @@
-"""Which of several settings a contender had better use."""
+"""The fastest of several settings of a trainer."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ __all__ = ["fastest"]
 
 T = TypeVar("T")
 
-_TRIALS = 2  # the best of them counts: what interrupts one should not decide
+_REPEATS = 2  # the best counts, so that an interruption of one does not decide
 
 
 def fastest(
     choices: Sequence[T], choose: Callable[[T], object], work: Callable[[], object]
 ) -> tuple[T, dict[T, float]]:
-    """Try the same work with each choice, and leave the fastest chosen.
+    """Time the same work with each choice, and apply the fastest one.
 
     Parameters
     ----------
     choices : sequence
-        What there is to choose from.
+        The choices.
     choose : callable
-        Makes a choice effective.
+        Applies a choice.
     work : callable
-        What is timed.
+        The work to time.
 
     Returns
     -------
     tuple
         The fastest choice, and the time of each, s.
     """
-    work()  # what a first time allocates and loads must not decide
+    work()  # the first call allocates and loads, and is not timed
     seconds = dict.fromkeys(choices, float("inf"))
-    for choice in [*seconds] * _TRIALS:
+    for choice in [*seconds] * _REPEATS:
         choose(choice)
         start = time.perf_counter()
         work()

@@ -1,4 +1,4 @@
-"""What `bench` measures: this package, plain MuJoCo, and environments by others."""
+"""The simulators that `bench` measures: this package, plain MuJoCo, and other libraries."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from dappo_batch.envs import make_vec
 from dappo_batch.envs.options import Backend, Precision
 from dappo_batch.robots import Robot
 
-__all__ = ["CONTENDERS", "Contender", "Unavailable", "Workload"]
+__all__ = ["SIMULATORS", "Simulator", "Unavailable", "Workload"]
 
 _ENV_ID = "Ant-v5"
 
 
 class Unavailable(Exception):
-    """A contender cannot run here; the text says why, and `install` is the command that would change it."""
+    """A simulator cannot run here. The text is the reason, `install` the command that installs it."""
 
     def __init__(self, reason: str, install: str = "") -> None:
         super().__init__(reason)
@@ -39,9 +39,9 @@ class Unavailable(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Workload:
-    """A robot, the number of environments N, threads of each contender, and the seed of states and actions.
+    """A robot, the number of environments N, threads of each simulator, and the seed of states and actions.
 
-    Contenders whose environments cost too much memory or time a piece use fewer.
+    Simulators whose environments need too much memory or time use fewer.
     """
 
     robot: Robot
@@ -51,17 +51,17 @@ class Workload:
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The MJCF as MuJoCo compiles it, without the edits that make this package faster."""
+        """The MJCF as compiled by MuJoCo, without the edits that make this package faster."""
         return mujoco.MjModel.from_xml_path(str(self.robot.mjcf_path))
 
     @property
     def limits(self) -> tuple[float, float, int]:
-        """Lowest and highest root of an episode, m, and the env steps after which it is cut off."""
+        """Lowest and highest root of an episode, m, and the env steps after which it is truncated."""
         low, high = self.robot.spec.get("termination", {}).get("height", (-np.inf, np.inf))
         return float(low), float(high), int(self.robot.spec["max_episode_steps"])
 
     def rng(self, stream: int) -> np.random.Generator:
-        """Return a random generator; equal streams give equal numbers."""
+        """Return the random generator of a stream."""
         return np.random.default_rng([self.seed, stream])
 
     def reset(self, data: mujoco.MjData, rng: np.random.Generator) -> None:
@@ -72,35 +72,35 @@ class Workload:
         data.qvel[:] = noise.get("qvel_noise", 0.0) * rng.standard_normal(model.nv)
 
     def actions(self, count: int, dtype: type[np.floating[Any]] = np.float32) -> Iterator[NDArray[Any]]:
-        """Return endless random actions in [-1, 1], each an array [count, nu]."""
+        """Return an infinite iterator of random actions in [-1, 1], arrays of shape [count, nu]."""
         windows = 997
         bank = self.rng(0).uniform(-1.0, 1.0, (count + windows, self.model.nu)).astype(dtype)
         return (bank[start : start + count] for start in cycle(range(windows)))
 
 
-class Contender(ABC):
-    """Something that advances robots by env steps; `note` says which version."""
+class Simulator(ABC):
+    """A simulator of robots; `note` contains its version."""
 
     num_envs: int
     note: str = ""
 
     @abstractmethod
     def run_for(self, seconds: float, steps: int = 1) -> int:
-        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
+        """Advance every env for at least `seconds` and `steps`; return the env steps of all envs."""
 
     @abstractmethod
     def close(self) -> None:
         """Free threads and memory."""
 
 
-class VectorEnv(Contender):
+class VectorEnv(Simulator):
     """A vector env: observation, reward and reset included."""
 
     envs: Any
     actions: Iterator[NDArray[Any]]
 
     def run_for(self, seconds: float, steps: int = 1) -> int:
-        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
+        """Advance every env for at least `seconds` and `steps`; return the env steps of all envs."""
         end, done = time.perf_counter() + seconds, 0
         while done < steps or time.perf_counter() < end:
             self.envs.step(next(self.actions))
@@ -113,7 +113,7 @@ class VectorEnv(Contender):
 
 
 class Ours(VectorEnv):
-    """The public vector env of this package; arrays are returned as views."""
+    """The public vector env of this package, with ``copy=False``."""
 
     def __init__(
         self,
@@ -141,8 +141,8 @@ class Ours(VectorEnv):
         self.envs.reset()
 
 
-class RawStep(Contender):
-    """The physics alone: one ``mjData`` a thread, stepped in a loop; the measure of all others."""
+class RawStep(Simulator):
+    """Only physics: one ``mjData`` for each thread, stepped in a loop. The base of all ratios."""
 
     def __init__(self, workload: Workload) -> None:
         self._workload, self.num_envs = workload, workload.threads
@@ -153,7 +153,7 @@ class RawStep(Contender):
             workload.reset(data, rng)
 
     def run_for(self, seconds: float, steps: int = 1) -> int:
-        """Advance every env for `seconds` and by `steps` at least; return the env steps of all."""
+        """Advance every env for at least `seconds` and `steps`; return the env steps of all envs."""
         work = partial(self._run_one, time.perf_counter() + seconds, steps)
         return sum(self._pool.map(work, self._data, self._rngs))
 
@@ -180,7 +180,7 @@ class Gymnasium(VectorEnv):
 
     def __init__(self, workload: Workload) -> None:
         _require_ant(workload)
-        self.num_envs = min(workload.num_envs, 32)  # more cost no less an env step, but memory
+        self.num_envs = min(workload.num_envs, 32)  # more need memory and are not faster
         try:
             self.envs = gymnasium.vector.SyncVectorEnv(
                 [lambda: gymnasium.make(_ENV_ID) for _ in range(self.num_envs)]
@@ -211,7 +211,7 @@ class EnvPool(VectorEnv):
                 seed=workload.seed,
             )
         except Exception as error:
-            # A foreign binary: whatever it raises is a reason to go on without it, and to say so.
+            # A third-party binary: any exception means that it cannot be measured, and is reported.
             raise Unavailable(f"envpool cannot make {_ENV_ID}: {type(error).__name__}: {error}") from error
         self.note = f"envpool {importlib.metadata.version('envpool')}"
         self.actions = workload.actions(self.num_envs, np.float64)
@@ -220,10 +220,10 @@ class EnvPool(VectorEnv):
 
 def _require_ant(workload: Workload) -> None:
     if workload.robot.name != "ant":
-        raise Unavailable(f"there is no robot {workload.robot.name!r}, only the Ant")
+        raise Unavailable(f"it has no robot {workload.robot.name!r}, only the Ant")
 
 
-CONTENDERS: dict[str, Callable[[Workload], Contender]] = {
+SIMULATORS: dict[str, Callable[[Workload], Simulator]] = {
     "mj_step": RawStep,
     "lanes f32": Ours,
     "lanes f32 damaged": partial(Ours, damage="uniform"),
@@ -232,4 +232,4 @@ CONTENDERS: dict[str, Callable[[Workload], Contender]] = {
     "envpool": EnvPool,
     "gymnasium": Gymnasium,
 }
-"""What makes each contender, or raises `Unavailable`, by its name in tables and JSON."""
+"""Constructors of the simulators, by name in tables and JSON; they raise `Unavailable`."""
