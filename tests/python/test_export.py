@@ -415,28 +415,29 @@ def test_a_policy_alone_is_exported_and_acts_bit_identically_to_its_run(
             Controller.from_export(out)
 
 
-def test_tables_of_evaluations_that_are_broken_are_named_and_those_of_other_classes_do_not_matter_to_a_policy(
+def test_broken_evaluations_are_refused_by_name_and_those_of_other_classes_do_not_matter_to_a_policy(
     parts: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(parts / "aware", tmp_path / "run")
-    table = tmp_path / "run" / "eval" / "per_class.csv"
+    stored = tmp_path / "run" / "eval" / "evaluation.json"
     policy, controller = (
         ("export", tmp_path / "run", "--out", tmp_path / "out"),
         ("export", tmp_path / "run", "--out", tmp_path / "out", "--diagnoser", parts / "diagnoser"),
     )
-    text = table.read_text()
-    table.write_text(text.replace("missing_toe@1", "missing_wheel@1"))
+    text = stored.read_text()
+    stored.write_text(text.replace("missing_toe@1", "missing_wheel@1"))
     _, err = run(*controller, code=1)
-    assert f"{table} has 9 damage classes, expected the 9 of the robot in their order" in err
+    assert f"{stored} has 9 damage classes, expected the 9 of the robot in their order" in err
     run(*policy)
     assert {entry["baseline"] for entry in header_of(tmp_path / "out")["classes"]} == {None}
-    table.write_text(text.replace("forward_reward", "reward"))
+    stored.write_text(text.replace("forward_velocity", "velocity"))
     _, err = run(*policy, code=1)
-    assert f"{table} has no column `forward_reward`; evaluate the run again" in err
-    table.unlink()
-    table.mkdir()
+    assert f"{stored}: missing field `forward_velocity`" in err
+    assert "evaluate the run again" in err
+    stored.unlink()
+    stored.mkdir()
     _, err = run(*policy, code=1)
-    assert f"{table}: it is a folder, expected a regular file" in err
+    assert f"{stored}: it is a folder, expected a regular file" in err
 
 
 def test_the_policy_of_an_export_with_a_diagnoser_can_be_taken_alone(exports: Path, parts: Path) -> None:
