@@ -80,7 +80,7 @@ def marks(walk: list[Row], x: Callable[[float], float]) -> list[str]:
         for step, row in enumerate(walk):
             if event in row["event"].split("; "):
                 found.append(step)
-                texts.append(f"{text}: {row['told']}" if event == "adapted" else text)
+                texts.append(f"{text}: {row['assumed']}" if event == "adapted" else text)
     shapes = []
     for number, (step, text) in enumerate(zip(found, texts, strict=True)):
         shapes += [

@@ -66,7 +66,7 @@ def write_run(
 def write_adaptation(run: Path) -> None:
     """Add results of `adapt` to a run: 90 % of the oracle with adaptation, 50 % without, no PPO-Unaware."""
     header = (
-        "class,name,episodes,ended_before,false_alarms,detected,right_at_first,right_at_last,recovered,told,"
+        "class,name,episodes,ended_before,false_alarms,detected,right_at_first,right_at_last,recovered,assumed,"
         "adapted,oracle,unadapted,unaware\n"
     )
     rows = (
@@ -103,7 +103,7 @@ def write_diagnoser(path: Path) -> Path:
 
 def write_trace(path: Path) -> Path:
     """Write an episode of 60 steps with onset 20 and adaptation in step 30."""
-    rows = ["step,forward_velocity,damage,told,event"]
+    rows = ["step,forward_velocity,damage,assumed,event"]
     for step in range(60):
         events = {25: "suspected", 30: "diagnosed broken (0.97); adapted"}
         damage, assumed = ("broken" if step >= 20 else "healthy"), ("broken" if step >= 30 else "healthy")

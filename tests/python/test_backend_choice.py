@@ -49,8 +49,8 @@ def test_a_robot_that_the_lane_engine_does_not_support_falls_back_with_the_reaso
     table = dappo_batch.compile_class_table(TRIPOD, max_damaged_limbs=0)
     envs = dappo_batch.make_vec(table)
     assert envs.backend == "mujoco"
-    assert "is no sphere, capsule or box" in envs.backend_note
-    with pytest.raises(ConfigError, match="is no sphere, capsule or box"):
+    assert "is not a sphere, capsule or box" in envs.backend_note
+    with pytest.raises(ConfigError, match="is not a sphere, capsule or box"):
         dappo_batch.make_vec(table, backend="lanes")
 
 

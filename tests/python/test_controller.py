@@ -126,8 +126,8 @@ def test_events_of_a_single_damage_are_printed_and_logged_step_by_step(parts: Pa
     (suspected,) = (index for index, row in enumerate(rows) if "suspected" in row["event"])
     (adapted,) = (index for index, row in enumerate(rows) if "adapted" in row["event"])
     assert ONSET < suspected < adapted == suspected + 20, "an examination lasts as long as a window"
-    assert {row["told"] for row in rows[:adapted]} == {"healthy"}
-    assert {row["told"] for row in rows[adapted:]} == {"missing_toe@3"}
+    assert {row["assumed"] for row in rows[:adapted]} == {"healthy"}
+    assert {row["assumed"] for row in rows[adapted:]} == {"missing_toe@3"}
     # Of the last 200 steps only those since the damage count.
     velocity = np.array([float(row["forward_velocity"]) for row in rows])
     before, kept = velocity[:ONSET].mean(), velocity[ONSET:].mean()
@@ -351,8 +351,8 @@ def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts:
     assert outcome["detected"] == outcome["episodes"] > 0
     assert outcome["right_at_first"] == outcome["right_at_last"] == 0
     assert outcome["oracle"] is summary["adapted_share"] is outcome["median_recovery"] is None
-    assert {entry["name"] for entry in outcome["told"]} <= set(make(parts).class_names)
-    assert sum(entry["episodes"] for entry in outcome["told"]) == outcome["episodes"]
+    assert {entry["name"] for entry in outcome["assumed"]} <= set(make(parts).class_names)
+    assert sum(entry["episodes"] for entry in outcome["assumed"]) == outcome["episodes"]
     # The diagnoser names a class nevertheless, and the twin with its damage shows that it is none of them.
     events = [event for episode in json.loads(out)["events"] for event in episode]
     withdrawn = [event for event in events if event["event"] == "withdrawn"]

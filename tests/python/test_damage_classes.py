@@ -126,7 +126,7 @@ def test_the_printed_table_contains_the_same_as_the_json(capfd: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("spec", "reason"),
     [
-        ("jam@0", "no damage type of this robot"),
+        ("jam@0", "not a damage type of this robot"),
         ("jammed_joint@4", "limbs are 0 to 3"),
         ("33", "the classes are 0 to 32"),
         ("jammed_joint@0+missing_toe@0", "twice"),

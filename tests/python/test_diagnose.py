@@ -1,4 +1,4 @@
-"""`dappo-batch diagnose train`, `test` and `sweep`: the network that names the damage."""
+"""`dappo-batch diagnose train`, `test` and `sweep`: the network that classifies the damage."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def collect(root: Path, name: str, rollouts: int, seed: int, *more: str) -> tupl
 
 
 def matrix(path: Path) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Read a confusion matrix: a row a true class, a column a named class."""
+    """Read a confusion matrix: a row a true class, a column a diagnosed class."""
     rows = read(path)
     return np.array([[int(value) for key, value in row.items() if key != r"true\named"] for row in rows])
 
@@ -103,11 +103,11 @@ def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_
     out, _ = dappo_batch("diagnose", *command, "--episodes", "2", "--json")
     (tested,) = json.loads(out)
     cost = tested["cost"]
-    # Told the truth, the policy earns what its evaluation says.
+    # With the true code, the forward reward is that of an evaluation.
     out, _ = dappo_batch("evaluate", folder / "aware", "--episodes", "2", "--json")
     groups = json.loads(out)["runs"][0]["groups"]
     (everything,) = [group for group in groups if group["group"] == "all"]
-    assert cost["told_truth"] == pytest.approx(everything["forward_reward"], abs=1e-3)
+    assert cost["true_reward"] == pytest.approx(everything["forward_reward"], abs=1e-3)
     counts = matrix(folder / "b" / "eval" / "paper_test.confusion.csv")
     names = tested["classes"]
     shares = counts / counts.sum(1, keepdims=True)
@@ -115,10 +115,10 @@ def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_
     for mistake in cost["mistakes"]:
         share = shares[names.index(mistake["class"]), names.index(mistake["named"])]
         assert mistake["share"] == pytest.approx(share)
-        lost += share * (mistake["told_truth"] - mistake["told_mistake"])
+        lost += share * (mistake["true_reward"] - mistake["mistaken_reward"])
     assert len(cost["mistakes"]) == np.count_nonzero(counts - np.diag(np.diag(counts)))
-    assert cost["told_diagnosis"] == pytest.approx(cost["told_truth"] - lost / CLASSES)
-    ratio = cost["told_diagnosis"] / cost["told_truth"]
+    assert cost["diagnosed_reward"] == pytest.approx(cost["true_reward"] - lost / CLASSES)
+    ratio = cost["diagnosed_reward"] / cost["true_reward"]
     assert cost["gait_equivalent_accuracy"] == pytest.approx(ratio)
 
 
@@ -171,7 +171,7 @@ def test_bad_input_is_refused_with_a_remedy(folder: Path, tmp_path: Path) -> Non
     expected: dict[tuple[str | Path, ...], tuple[int, str]] = {
         (*train, "--timesteps", "13"): (1, "the windows of the data have 12"),
         (*train, "--rollouts", "61"): (1, "expected 2 to 60"),
-        (*train, "--held-out", "missing_toe@7"): (1, "`missing_toe@7` is no damage class"),
+        (*train, "--held-out", "missing_toe@7"): (1, "`missing_toe@7` is not a damage class"),
         (*train, "--set", "epoch=3"): (1, "did you mean `epochs`"),
         (*train, "--set", "dropout=1"): (1, "`dropout` is 1, expected a number in [0, 1)"),
         (*train, "--method", "E"): (2, "A, B, C, D"),

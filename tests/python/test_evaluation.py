@@ -387,7 +387,7 @@ OTHER_SEED = ("seed = 1\n", "seed = 9\n")
     ],
     ids=lambda value: value[-1][-1] if isinstance(value, tuple) else "",
 )
-@pytest.mark.parametrize("flag", [(), ("--compare",)], ids=["beside", "compared"])
+@pytest.mark.parametrize("flag", [(), ("--compare",)], ids=["together", "compared"])
 def test_runs_of_other_episodes_are_refused(
     runs: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...], parts: list[str], flag: tuple[str, ...]
 ) -> None:
@@ -395,7 +395,7 @@ def test_runs_of_other_episodes_are_refused(
     before = files(tmp_path)
     out, err = dappo_batch("evaluate", runs / AWARE[1], *flag, other, code=1)
     assert out == ""
-    assert f"{other} cannot be evaluated beside {runs / AWARE[1]}: its " in err
+    assert f"{other} cannot be evaluated together with {runs / AWARE[1]}: its " in err
     for part in parts:
         assert part in err
     assert files(tmp_path) == before

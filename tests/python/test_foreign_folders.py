@@ -306,7 +306,7 @@ def test_a_file_that_is_not_listed_is_refused(folders: Path) -> None:
         diagnose(folders)
     # An export that contains other files is not replaced.
     again = ("export", folders / "run", "--diagnoser", folders / "diagnoser", "--out", folders / "export")
-    assert "notes.txt is no file of an export" in command_line(*again, code=1)[1]
+    assert "notes.txt is not a file of an export" in command_line(*again, code=1)[1]
     assert (folders / "export" / "notes.txt").read_text() == "mine"
 
 

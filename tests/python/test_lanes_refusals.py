@@ -1,4 +1,4 @@
-"""The lane engine refuses every robot that it does not know everything about, and says exactly why."""
+"""The lane engine refuses every robot that it does not support, with the exact reason."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dappo_batch.robots import Limb
 ROBOTS = Path(__file__).parent / "robots"
 Edits = tuple[tuple[str, str], ...]
 
-# The toy robot stands on a cylinder, which the lane engine does not know; with a ball it knows everything.
+# The toy robot stands on a cylinder, which the lane engine does not support; a ball it does.
 BALL: Edits = (('type="cylinder" size="0.12 0.02"', 'name="ball" type="sphere" size="0.05"'),)
 FLOOR = '<geom type="plane" size="10 10 1"'
 PLATE = '<body name="plate" pos="0 0 0.17">'
@@ -78,10 +78,10 @@ def pair(text: str) -> Edits:
 # What is changed in the robot, and what the refusal must say.
 REFUSALS: dict[str, tuple[Edits, str]] = {
     # Shape.
-    "slide joint": ((joint('type="slide"'),), "joint `north_knee` is no hinge"),
+    "slide joint": ((joint('type="slide"'),), "joint `north_knee` is not a hinge"),
     "ball joint": (
         ((KNEE, '<joint name="north_knee" type="ball" range="0 0.6"/>'), NO_KNEE_SERVO),
-        "is no hinge",
+        "is not a hinge",
     ),
     "two joints a body": (
         ((KNEE, f'{KNEE}<joint axis="0 0 1"/>'),),
@@ -114,7 +114,7 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
             (f'{FLOOR} conaffinity="1" friction="1 0.005 0.0001" solref="0.01 1" solmix="2"/>', ""),
             (PLATE, f'<body name="ground">{FLOOR} conaffinity="1"/></body>{PLATE}'),
         ),
-        "is none with a plane of the world body",
+        "is not with a plane of the world body",
     ),
     "two floors": (((PLATE, f'{FLOOR} pos="0 0 -1" conaffinity="1"/>{PLATE}'),), "are two floors"),
     "no contact": ((NO_MASKS, (f'{FLOOR} conaffinity="1"', FLOOR)), "no geom can touch a floor"),
@@ -126,7 +126,7 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
             NAMED_FLOOR,
             (END, f'<contact><pair geom1="west_toe" geom2="north_toe"/></contact>{END}'),
         ),
-        "the contact of geom `north_toe` and geom `west_toe` is none with a plane",
+        "the contact of geom `north_toe` and geom `west_toe` is not with a plane",
     ),
     "contact gap": (pair('gap="0.01"'), "has a gap (pair_gap = 0.01)"),
     "softness of friction": (pair('solreffriction="0.03 1"'), "has a softness of its own for friction"),
@@ -258,7 +258,7 @@ def test_a_robot_with_something_unknown_is_refused_with_the_reason(name: str, tm
 
 
 def test_the_toy_robot_stands_on_a_shape_that_is_unknown(tmp_path: Path) -> None:
-    reason = "geom `geom 1` can touch the floor but is no sphere, capsule or box"
+    reason = "geom `geom 1` can touch the floor but is not a sphere, capsule or box"
     assert reason in refusal(toy(tmp_path, ()))
 
 

@@ -77,12 +77,12 @@ def _outcome(trace: Trace, name: str) -> tuple[str, ...]:
     start = "n/a" if trace.onset is None else f"{table['step'][onset]}"
     first = f"{suspected[0]}" if suspected else "n/a"
     speed = rounded(float(table["forward_velocity"][onset:].mean()), 2)
-    return (name, trace.damage, start, first, str(table["told"][-1]), speed, str(trace.path))
+    return (name, trace.damage, start, first, str(table["assumed"][-1]), speed, str(trace.path))
 
 
 def _events(trace: Trace) -> list[tuple[int, str, str]]:
     events = trace.events()
     if trace.onset is not None:
-        onset = (trace.onset, f"damage: {trace.damage}", str(trace.table["told"][trace.onset]))
+        onset = (trace.onset, f"damage: {trace.damage}", str(trace.table["assumed"][trace.onset]))
         events = sorted([onset, *events], key=lambda event: event[0])
     return events

@@ -21,7 +21,7 @@ from dappo_batch.runs.tables import Table, columns, read_csv, read_text
 __all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Table1", "Trace", "read"]
 
 _TABLE1 = ("robot", "timesteps", "method", "rollouts", "seeds", "accuracy_pct", "sd_pct")
-_TRACE = ("step", "forward_velocity", "damage", "told", "event")
+_TRACE = ("step", "forward_velocity", "damage", "assumed", "event")
 _EXPECTED = (
     "expected a run folder, a folder of `sweep`, `diagnose train` or `diagnose sweep`, "
     "or a trace of `adapt --log`"
@@ -90,7 +90,7 @@ class Trace:
     def events(self) -> list[tuple[int, str, str]]:
         """Return the events: the row of a step, the event, and the assumed class."""
         found = []
-        for row, (events, assumed) in enumerate(zip(self.table["event"], self.table["told"], strict=True)):
+        for row, (events, assumed) in enumerate(zip(self.table["event"], self.table["assumed"], strict=True)):
             found += [(row, event, str(assumed)) for event in str(events).split("; ") if event]
         return found
 

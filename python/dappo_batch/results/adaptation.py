@@ -58,7 +58,7 @@ class ClassOutcome(Result):
         Env steps from the onset to the suspicion, and to the recovery, over the episodes that had one.
     right_at_first, right_at_last : int
         Episodes whose first diagnosis was correct, and episodes whose assumed class was correct at the end.
-    told : tuple of AssumedClass
+    assumed : tuple of AssumedClass
         The assumed classes at the end of the episodes, the most frequent first.
     examinations : float
         Mean number of diagnosis windows of an episode.
@@ -85,7 +85,7 @@ class ClassOutcome(Result):
     median_delay: float | None
     right_at_first: int
     right_at_last: int
-    told: tuple[AssumedClass, ...]
+    assumed: tuple[AssumedClass, ...]
     examinations: float | None
     recovered: int
     median_recovery: float | None

@@ -72,28 +72,28 @@ class DiagnosisSummary(Result):
 class Mistake(Result):
     """A misclassification of `damage_class` as `named`.
 
-    ``share`` is its share of the windows of the class; ``told_truth`` and ``told_mistake`` are the forward
-    rewards of the policy with the code of the true and of the diagnosed class.
+    ``share`` is its share of the windows of the class; ``true_reward`` and ``mistaken_reward`` are the
+    forward rewards of the policy with the code of the true and of the diagnosed class.
     """
 
     damage_class: str
     named: str
     share: float
-    told_truth: float
-    told_mistake: float
+    true_reward: float
+    mistaken_reward: float
 
 
 @dataclass(frozen=True)
 class Cost(Result):
     """Cost of misclassifications for a policy.
 
-    ``told_truth`` and ``told_diagnosis`` are its mean forward rewards with the code of the true and of the
+    ``true_reward`` and ``diagnosed_reward`` are its mean forward rewards with the code of the true and of the
     diagnosed class, ``gait_equivalent_accuracy`` the second as a share of the first. ``mistakes`` are in
     descending order of their cost.
     """
 
-    told_truth: float
-    told_diagnosis: float
+    true_reward: float
+    diagnosed_reward: float
     gait_equivalent_accuracy: float
     mistakes: tuple[Mistake, ...]
 

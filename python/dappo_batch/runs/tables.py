@@ -23,6 +23,7 @@ Table = Mapping[str, NDArray[Any]]
 # Columns that are text even if all entries are numbers or empty.
 _TEXT = frozenset(
     {
+        "assumed",
         "backend",
         "damage",
         "device",
@@ -33,7 +34,6 @@ _TEXT = frozenset(
         "physics",
         "precision",
         "robot",
-        "told",
     }
 )
 

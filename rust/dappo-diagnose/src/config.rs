@@ -51,7 +51,7 @@ pub struct DiagnoserConfig {
     pub validation_fraction: f64,
     /// Damage classes never trained on.
     pub held_out: Vec<usize>,
-    /// What the network puts out (paper: `classes`).
+    /// What the network outputs (paper: `classes`).
     pub head: Head,
     /// Width of the embedding of a time step (paper).
     pub embedding: usize,
@@ -155,13 +155,13 @@ impl DiagnoserConfig {
         let classes = source.classes();
         if let Some(class) = self.held_out.iter().find(|&&class| class >= classes) {
             return Err(LearnError::Invalid(format!(
-                "`held_out` names damage class {class}; the classes are 0 to {}",
+                "`held_out` contains damage class {class}; the classes are 0 to {}",
                 classes.saturating_sub(1)
             )));
         }
         if (0..classes).all(|class| self.held_out.contains(&class)) {
             return Err(LearnError::Invalid(format!(
-                "`held_out` names all {classes} damage classes; one must remain"
+                "`held_out` contains all {classes} damage classes; one must remain"
             )));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! What the mistakes of a diagnoser cost the policy that believes it.
+//! What the mistakes of a diagnoser cost the policy that receives its diagnoses.
 
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
@@ -14,15 +14,13 @@ use super::Report;
 pub struct Mistake {
     /// The true class.
     pub class: String,
-    /// The class that was named.
+    /// The diagnosed class.
     pub named: String,
     /// Share of the windows of the true class, 0 to 1.
     pub share: f64,
     /// Forward reward of the policy with the code of the true class: mean over episodes of Σ forward velocity, m/s.
-    #[serde(rename = "told_truth")]
     pub true_reward: f64,
-    /// Forward reward of the policy with the code of the class that was named, m/s.
-    #[serde(rename = "told_mistake")]
+    /// Forward reward of the policy with the code of the diagnosed class, m/s.
     pub mistaken_reward: f64,
 }
 
@@ -30,10 +28,8 @@ pub struct Mistake {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cost {
     /// Mean forward reward over the classes, with the true code, m/s.
-    #[serde(rename = "told_truth")]
     pub true_reward: f64,
     /// The same with the code of the diagnosis, m/s; mistakes are weighted by how often they were made.
-    #[serde(rename = "told_diagnosis")]
     pub diagnosed_reward: f64,
     /// The second as a share of the first, the gait-equivalent accuracy; 1 without mistakes that cost anything.
     pub gait_equivalent_accuracy: f64,
@@ -42,8 +38,7 @@ pub struct Cost {
 }
 
 /// Runs the policy on every class, with the true code and that of every mistake that the report counts, in
-/// the same episodes as [`evaluate`](dappo_learn::evaluate::evaluate).
-/// `None` once `stop` says so.
+/// the same episodes as [`evaluate`](dappo_learn::evaluate::evaluate). `None` once `stop` returns true.
 pub fn cost(
     report: &Report,
     policy: &dyn MeanActions,

@@ -20,12 +20,13 @@ impl TrainingFolder {
     /// Makes a new folder; refuses one that already holds a training.
     pub fn create(root: &Path, config: &DiagnoserConfig) -> Result<LockedTraining> {
         fs::create_dir_all(root).map_err(io(root))?;
-        // Only then is there a look at what it holds: of two processes that begin together, one makes the training.
+        // Its contents are read only under the lock: of two processes that begin together, one makes the
+        // training.
         let folder = Self { root: root.to_owned() }.lock()?;
         let path = folder.config_path();
         if path.exists() {
             return Err(LearnError::Invalid(format!(
-                "{} already holds the training of a diagnoser; choose another folder or go on with it",
+                "{} already holds the training of a diagnoser; choose another folder or resume it",
                 root.display()
             )));
         }

@@ -1,4 +1,4 @@
-//! The two ways in which a diagnoser names damage: one of all classes, or every limb's damage for itself.
+//! The two heads of a diagnoser: one of all classes, or the damage of every limb separately.
 
 use burn::tensor::{Tensor, activation};
 use serde::{Deserialize, Serialize};
@@ -8,8 +8,8 @@ use super::Subject;
 
 /// What the outputs of the network mean.
 ///
-/// Either head has a row of targets for every class, and a class's score is the logarithm of how probable the
-/// outputs say that row is. The loss is minus the score of the true class.
+/// Either head has a row of targets for every class, and a class's score is the logarithm of the
+/// probability of that row. The loss is minus the score of the true class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(EnumString, IntoStaticStr, VariantNames)]
@@ -17,8 +17,9 @@ use super::Subject;
 pub enum Head {
     /// One output a class, of which exactly one is true: softmax and cross-entropy (paper).
     Classes,
-    /// One output a bit of the damage code, each true or not by itself: sigmoids and binary cross-entropy. Every
-    /// class has a code, so this head also names combinations of damages that training never showed.
+    /// One output a bit of the damage code, independently true or not: sigmoids and binary cross-entropy.
+    /// Every class has a code, so this head also predicts combinations of damages that were not in the
+    /// training data.
     Limbs,
 }
 

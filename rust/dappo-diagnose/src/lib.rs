@@ -9,7 +9,7 @@
 //! sweep: many trainings over one dataset, and the paper's Table 1
 //!
 //! controller: one trial, no reset: suspicion, examination by the diagnoser, the policy with another damage code
-//!   └── adapt: damage in mid-walk, compared with policies of fixed codes
+//!   └── adapt: mid-episode damage, compared with policies of fixed codes
 //! export: a policy or all that a controller needs in one folder, with ONNX
 //! ```
 

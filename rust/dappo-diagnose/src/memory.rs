@@ -10,7 +10,7 @@ use crate::{DiagnoserConfig, PairSource, Subject};
 /// Copies of the parameters of a diagnoser while it learns: more than of a policy, as its gradient is summed in parts.
 const DIAGNOSER_COPIES: usize = COPIES + 8;
 
-/// Fails if the trainings of diagnosers, so many of them at once, do not fit the memory.
+/// Fails if this many trainings of diagnosers at once do not fit the memory.
 pub(crate) fn check_diagnosers(
     configs: &[DiagnoserConfig],
     at_once: usize,
@@ -38,7 +38,7 @@ fn largest_together<T>(mut needs: Vec<(Bytes, T)>, count: usize) -> (Bytes, Opti
     (sum, needs.into_iter().next().map(|(_, largest)| largest))
 }
 
-/// What the training of a diagnoser takes.
+/// The memory of the training of a diagnoser.
 fn of_diagnoser(config: &DiagnoserConfig, source: &dyn PairSource, subject: &Subject) -> Bytes {
     let sizes = DiagnoserSizes {
         inputs: 2 * source.obs_dim() + source.action_dim(),

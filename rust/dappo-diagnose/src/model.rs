@@ -45,7 +45,7 @@ pub struct Description {
     pub obs_dim: usize,
     /// Length of an action, A.
     pub action_dim: usize,
-    /// What it puts out.
+    /// What it outputs.
     pub head: Head,
     /// Width of the embedding.
     pub embedding: usize,
@@ -55,7 +55,7 @@ pub struct Description {
     pub hidden: Vec<usize>,
     /// Damage classes that it was not trained on.
     pub held_out: Vec<usize>,
-    /// How the twins of its windows were led.
+    /// Mode of the twins of its windows.
     pub twin: Twin,
     /// The robot and its classes.
     pub subject: Subject,

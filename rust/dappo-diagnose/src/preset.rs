@@ -10,33 +10,34 @@ use super::{Span, Timing, Twin, TwinAction};
 pub enum Preset {
     /// Damaged from the start and diagnosed at once (Verma et al., 2019, Algorithm 1).
     Paper,
-    /// The damage strikes in mid-gait and is noticed later, as when a walking robot breaks.
+    /// The damage strikes mid-episode and is diagnosed later, as when a walking robot breaks.
     Runtime,
-    /// The same, but before every step the twin is put beside the robot and takes its action, so that what it does
-    /// differently is the damage of this one step. A free twin soon walks another way for reasons of its own: small
-    /// differences grow from step to step.
+    /// The same with a twin that is re-synchronised before every step and takes the action of the robot, so
+    /// that the difference is the effect of the damage in this one step. A free-running twin soon walks
+    /// differently even without damage: small differences grow from step to step.
     Residual,
 }
 
-/// A way to make pairs: when the damage strikes and how the twin is led.
+/// A way to make pairs: onset of the damage and mode of the twin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Protocol {
     /// When the damage strikes, and when the window begins.
     pub timing: Timing,
-    /// How the twin is led.
+    /// Mode of the twin.
     pub twin: Twin,
 }
 
 impl Preset {
-    /// The way that has this name.
+    /// The protocol of this preset.
     #[must_use]
     pub fn protocol(self) -> Protocol {
-        let mid_gait = Timing { onset: Span { first: 20, last: 150 }, delay: Span { first: 20, last: 80 } };
+        let mid_episode =
+            Timing { onset: Span { first: 20, last: 150 }, delay: Span { first: 20, last: 80 } };
         match self {
             Self::Paper => Protocol { timing: Timing::default(), twin: Twin::default() },
-            Self::Runtime => Protocol { timing: mid_gait, twin: Twin::default() },
+            Self::Runtime => Protocol { timing: mid_episode, twin: Twin::default() },
             Self::Residual => {
-                Protocol { timing: mid_gait, twin: Twin { action: TwinAction::Shared, resync: 1 } }
+                Protocol { timing: mid_episode, twin: Twin { action: TwinAction::Shared, resync: 1 } }
             }
         }
     }

@@ -17,7 +17,7 @@ const BINS: usize = 10;
 /// Windows diagnosed at once.
 const BATCH: usize = 256;
 
-/// The windows whose confidence, the probability of the class that was named, falls into one bin.
+/// The windows whose confidence, the probability of the diagnosed class, falls into one bin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CalibrationBin {
     /// Lower end of the bin; the upper end belongs to it only in the last one.
@@ -28,7 +28,7 @@ pub struct CalibrationBin {
     pub count: usize,
     /// Their mean confidence; NaN without any.
     pub confidence: f64,
-    /// Share of them whose class was named correctly; NaN without any.
+    /// Share of them whose class was diagnosed correctly; NaN without any.
     pub accuracy: f64,
 }
 
@@ -39,9 +39,9 @@ pub struct Report {
     pub class_names: Vec<String>,
     /// Classes that the diagnoser was not trained on.
     pub held_out: Vec<usize>,
-    /// Windows by true class (rows) and named class (columns), `[C, C]`.
+    /// Windows by true class (rows) and diagnosed class (columns), `[C, C]`.
     pub confusion: Vec<usize>,
-    /// Share of every rollout's windows whose class was named correctly, 0 to 1, `[rollouts]`.
+    /// Share of every rollout's windows whose class was diagnosed correctly, 0 to 1, `[rollouts]`.
     pub rollout_accuracy: Vec<f64>,
     /// Confidence and accuracy.
     pub calibration: Vec<CalibrationBin>,
@@ -56,7 +56,7 @@ pub struct DiagnosisSummary {
     pub rollouts: usize,
     /// Windows diagnosed.
     pub windows: usize,
-    /// Share of them whose class was named correctly.
+    /// Share of them whose class was diagnosed correctly.
     pub accuracy: f64,
     /// Standard error of the accuracy over rollouts, whose windows are not independent of each other; NaN for a
     /// single rollout.
@@ -120,10 +120,10 @@ impl Diagnoser {
 struct Tally {
     classes: usize,
     confusion: Vec<usize>,
-    /// Whether each window so far was named correctly.
+    /// Whether each window so far was diagnosed correctly.
     correct: Vec<bool>,
     log_loss: f64,
-    /// Of every bin: windows, those named correctly, sum of confidence.
+    /// Of every bin: windows, those diagnosed correctly, sum of confidence.
     bins: [(usize, usize, f64); BINS],
 }
 
@@ -134,13 +134,13 @@ impl Tally {
     }
 
     fn add(&mut self, class: usize, probabilities: &[f32]) {
-        let named = best(probabilities);
-        let is_correct = named == class;
-        self.confusion[class * self.classes + named] += 1;
+        let diagnosed = best(probabilities);
+        let is_correct = diagnosed == class;
+        self.confusion[class * self.classes + diagnosed] += 1;
         self.correct.push(is_correct);
         // A probability of 0 in f32 is not quite 0.
         self.log_loss -= f64::from(probabilities[class].max(f32::MIN_POSITIVE)).ln();
-        let confidence = f64::from(probabilities[named]);
+        let confidence = f64::from(probabilities[diagnosed]);
         let bin = &mut self.bins[((confidence * BINS as f64) as usize).min(BINS - 1)];
         *bin = (bin.0 + 1, bin.1 + usize::from(is_correct), bin.2 + confidence);
     }
@@ -179,18 +179,18 @@ impl Report {
         &self.confusion[class * classes..][..classes]
     }
 
-    /// Share of the windows of some classes that were named correctly; NaN without any.
+    /// Share of the windows of some classes that were diagnosed correctly; NaN without any.
     fn accuracy_of(&self, mut classes: impl Iterator<Item = usize> + Clone) -> f64 {
         let windows: usize = classes.clone().map(|class| self.row(class).iter().sum::<usize>()).sum();
         let correct: usize = classes.by_ref().map(|class| self.row(class)[class]).sum();
         correct as f64 / windows as f64
     }
 
-    /// Share of the windows of `class` that were taken for `named`.
+    /// Share of the windows of `class` that were diagnosed as `diagnosed`.
     #[must_use]
-    pub fn share(&self, class: usize, named: usize) -> f64 {
+    pub fn share(&self, class: usize, diagnosed: usize) -> f64 {
         let row = self.row(class);
-        row[named] as f64 / row.iter().sum::<usize>() as f64
+        row[diagnosed] as f64 / row.iter().sum::<usize>() as f64
     }
 
     /// Writes all tables and the summary into a folder: `STEM.classes.csv`, `STEM.confusion.csv`,
@@ -210,7 +210,7 @@ impl Report {
         Ok(())
     }
 
-    /// Share of every class's windows that were named correctly, `[C]`.
+    /// Share of every class's windows that were diagnosed correctly, `[C]`.
     #[must_use]
     pub fn class_accuracy(&self) -> Vec<f64> {
         (0..self.class_names.len()).map(|class| self.accuracy_of(std::iter::once(class))).collect()
@@ -234,7 +234,7 @@ impl Report {
         }
     }
 
-    /// The confusion matrix as CSV: a row a true class, a column a named class.
+    /// The confusion matrix as CSV: a row a true class, a column a diagnosed class.
     #[must_use]
     pub fn confusion_table(&self) -> String {
         let columns: Vec<&str> =
@@ -245,7 +245,8 @@ impl Report {
         table(&columns, self.class_names.iter().enumerate().map(row))
     }
 
-    /// The classes as CSV: windows, accuracy with its standard error, and the class most often named instead.
+    /// The classes as CSV: windows, accuracy with its standard error, and the class most often diagnosed
+    /// instead.
     #[must_use]
     pub fn class_table(&self) -> String {
         let columns =
@@ -280,7 +281,7 @@ impl Report {
 mod tests {
     use super::*;
 
-    /// Two rollouts of three classes; of six windows, four are named correctly.
+    /// Two rollouts of three classes; of six windows, four are diagnosed correctly.
     fn report() -> Report {
         let mut tally = Tally::new(3);
         for (class, probabilities) in [
@@ -304,7 +305,7 @@ mod tests {
         let summary = report.summary();
         assert_eq!((summary.rollouts, summary.windows), (2, 6));
         assert_eq!(summary.accuracy, 4.0 / 6.0);
-        // Both rollouts have two of three right.
+        // Two of three windows of both rollouts are correct.
         assert_eq!(summary.standard_error, 0.0);
         assert_eq!(summary.held_out_accuracy, Some(0.5));
         // -np.log([.8, .4, .92, .35, 1, .31]).mean()

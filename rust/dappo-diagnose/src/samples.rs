@@ -22,7 +22,7 @@ pub struct Sample {
 }
 
 /// A division of rollouts. Windows of one rollout share its initial state and its healthy twin, so they stay
-/// together: a rollout that is trained on says nothing about how well unseen ones are diagnosed.
+/// together: a rollout that is trained on does not show how well unseen ones are diagnosed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Split {
     /// Rollouts trained on, in ascending order.
@@ -47,7 +47,7 @@ impl Split {
         Self { train, validation: order }
     }
 
-    /// The split that a configuration makes of a source.
+    /// The split of a source by a configuration.
     #[must_use]
     pub fn of(config: &DiagnoserConfig, source: &dyn PairSource) -> Self {
         let available = source.rollouts();
@@ -76,7 +76,7 @@ impl Reader<'_> {
         self.method.input_dim(self.source.obs_dim(), self.source.action_dim())
     }
 
-    /// Reads samples in parallel; `None` leaves them as they are.
+    /// Reads samples in parallel; `None` leaves them unchanged.
     ///
     /// # Shapes
     /// returns `[samples, T, F]`

@@ -33,7 +33,7 @@ pub trait PairSource: Sync {
     /// Length of an action, A.
     fn action_dim(&self) -> usize;
 
-    /// How the twins of the windows were led.
+    /// Mode of the twins of the windows.
     fn twin(&self) -> Twin {
         Twin::default()
     }

@@ -43,7 +43,7 @@ impl Subject {
         let by_name = || self.class_names.iter().position(|known| known == name.trim());
         by_number.or_else(by_name).ok_or_else(|| {
             LearnError::Invalid(format!(
-                "`{name}` is no damage class of the data; expected a number from 0 to {} or a name such as `{}`",
+                "`{name}` is not a damage class of the data; expected a number from 0 to {} or a name such as `{}`",
                 self.classes().saturating_sub(1),
                 self.class_names.last().map_or("healthy", String::as_str)
             ))

@@ -20,8 +20,8 @@ pub struct Trajectories<'a> {
 }
 
 impl Trajectories<'_> {
-    /// Simulates a healthy twin beside every robot, led as in a diagnoser's training; `twins` has N robots.
-    pub fn windows(&self, led: Twin, expert: &Policy, twins: Box<dyn Backend>) -> Result<Vec<Window>> {
+    /// Simulates a healthy twin of every robot, run as in a diagnoser's training; `twins` has N robots.
+    pub fn windows(&self, mode: Twin, expert: &Policy, twins: Box<dyn Backend>) -> Result<Vec<Window>> {
         let robots = twins.num_envs();
         let (width, action_dim) = (twins.task().obs_dim(), twins.task().layout().nu);
         check_length("obs [N, T + 1, O]", self.obs, robots * (self.steps + 1) * width)?;
@@ -33,12 +33,12 @@ impl Trajectories<'_> {
         let everyone = vec![false; robots];
         let mut windows = vec![Window::default(); robots];
         for step in 0..self.steps {
-            if step == 0 || led.resyncs_before(step) {
-                twins.put_beside(&rows(self.obs, self.steps + 1, step, width), &everyone)?;
+            if step == 0 || mode.resyncs_before(step) {
+                twins.resync(&rows(self.obs, self.steps + 1, step, width), &everyone)?;
             }
             let actions = rows(self.actions, self.steps, step, action_dim);
             let own =
-                (led.action == TwinAction::Own).then(|| expert.healthy_actions(&twins.obs)).transpose()?;
+                (mode.action == TwinAction::Own).then(|| expert.healthy_actions(&twins.obs)).transpose()?;
             twins.step(own.as_deref().unwrap_or(&actions), &everyone)?;
             let observed = rows(self.obs, self.steps + 1, step + 1, width);
             for (robot, window) in windows.iter_mut().enumerate() {

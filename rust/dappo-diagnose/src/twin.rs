@@ -16,19 +16,19 @@ pub enum TwinAction {
     Shared,
 }
 
-/// How the twin is led.
+/// The mode of a twin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Twin {
     /// Whose actions it takes.
     pub action: TwinAction,
-    /// Steps after which it is put into the state that the robot observes, over and over; 0 = only when the window
+    /// Steps after which it is re-synchronised with the observed state of the robot; 0 = only when the window
     /// begins.
     pub resync: u32,
 }
 
 impl Twin {
-    /// Whether it is put beside the robot again before step `step` of the window, the first being 0.
+    /// Whether it is re-synchronised before step `step` of the window, the first being 0.
     #[must_use]
     pub(crate) fn resyncs_before(self, step: usize) -> bool {
         step > 0 && self.resync > 0 && step.is_multiple_of(self.resync as usize)

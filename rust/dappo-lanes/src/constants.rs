@@ -119,7 +119,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
     }
 }
 
-/// What two classes of a robot disagree about although they must not.
+/// A constant that differs between two classes of a robot although it must not.
 fn difference(a: &Model, b: &Model) -> Option<&'static str> {
     let links = || a.limbs.iter().flatten().zip(b.limbs.iter().flatten());
     let points = || a.points.iter().zip(&b.points);

@@ -64,7 +64,7 @@ impl Simd {
         }
     }
 
-    /// Name for people and environment variables.
+    /// Name in texts and environment variables.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

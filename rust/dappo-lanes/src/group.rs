@@ -19,7 +19,7 @@ pub trait Group: Send + Sync {
     /// Number of worlds.
     fn width(&self) -> usize;
 
-    /// Changes the damage class of a world; its state goes on.
+    /// Changes the damage class of a world; its state is kept.
     fn set_class(&mut self, lane: usize, class: usize);
 
     /// Places a world at rest from forces: nothing remains of its past.

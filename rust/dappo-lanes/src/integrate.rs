@@ -17,7 +17,7 @@ pub struct Substep<'a, T: Lane, const L: usize, const J: usize> {
     pub dynamics: &'a mut Dynamics<T, L, J>,
 }
 
-/// Who listens to the evaluations of a substep.
+/// Observer of the evaluations of a substep.
 pub trait Observer<T: Lane, const L: usize, const J: usize> {
     /// The first evaluation, in the state before the substep.
     fn first(&mut self, dynamics: &Dynamics<T, L, J>);

@@ -1,4 +1,4 @@
-//! The constants of a robot, as numbers: what the engine knows of a compiled model.
+//! The constants of a robot, as numbers: what the engine reads from a compiled model.
 //!
 //! A robot is a free root with L limbs of J hinges each, over a level floor. Lengths are in m, angles in
 //! rad, masses in kg. A link's frame has its origin in the anchor of its hinge and its z axis along it; the

@@ -14,7 +14,7 @@ pub fn lines(rows: impl IntoIterator<Item = Vec<String>>) -> String {
     rows.into_iter().map(line).collect()
 }
 
-/// A cell with commas, quotes or line breaks goes into quotes.
+/// A cell with commas, quotes or line breaks is quoted.
 fn quoted(text: &str) -> Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\"")).into()
@@ -23,7 +23,7 @@ fn quoted(text: &str) -> Cow<'_, str> {
     }
 }
 
-/// A number with so many decimals; nothing for NaN.
+/// A number with this many decimals; nothing for NaN.
 #[must_use]
 pub fn number(value: f64, decimals: usize) -> String {
     if value.is_nan() { String::new() } else { format!("{value:.decimals$}") }

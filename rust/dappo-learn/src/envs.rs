@@ -1,4 +1,4 @@
-//! Where the envs of a run come from: whoever can compile robots implements [`EnvFactory`].
+//! Where the envs of a run come from: what can compile robots implements [`EnvFactory`].
 
 use dappo_sim::rng::env_keys;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
@@ -43,10 +43,10 @@ pub trait EnvFactory {
         Simulator { physics, integrator: self.integrator().to_owned() }
     }
 
-    /// What simulates a training.
+    /// The physics of a training.
     fn training_physics(&self) -> Physics;
 
-    /// What simulates everything else: evaluations, controllers, records.
+    /// The physics of everything else: evaluations, controllers, records.
     fn evaluation_physics(&self) -> Physics;
 
     /// The backend of `num_envs` envs with the reward of this name.

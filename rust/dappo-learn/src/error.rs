@@ -1,4 +1,5 @@
-//! What can go wrong while learning. Every message says what was read, what was got and what was expected.
+//! What can go wrong while learning. Every message contains what was read, what was got and what was
+//! expected.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -61,7 +62,7 @@ pub enum LearnError {
     },
 }
 
-/// What a file or folder belongs to, as messages name it.
+/// What a file or folder belongs to, as messages call it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, strum::Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum FileKind {
@@ -80,7 +81,8 @@ impl FileKind {
     }
 }
 
-/// Fails if a training has diverged, which shows in a `value` that is not finite; says what to do.
+/// Fails if a training has diverged, which shows in a `value` that is not finite; the error contains what to
+/// do.
 pub fn check_converging(what: impl Into<String>, value: f64, advice: &str) -> Result<f64> {
     if value.is_finite() {
         return Ok(value);

@@ -1,4 +1,4 @@
-//! All that is wrong with some settings, so that it can be mended in one go.
+//! All faults of some settings, so that they can be fixed at once.
 
 use std::fmt::{self, Display};
 
@@ -42,13 +42,13 @@ impl Display for Faults {
 }
 
 impl Faults {
-    /// Notes a fault; `why` goes on after the key.
+    /// Adds a fault; `why` follows the key.
     pub fn add(&mut self, key: &str, why: impl Display) {
         let key = format!("{}{key}", self.section);
         self.found.push(Fault { text: format!("`{key}` {why}"), key, source: None });
     }
 
-    /// Notes a value that lies outside its range.
+    /// Adds a value outside its range.
     pub fn rule(&mut self, key: &str, value: impl Display, expected: &str, holds: bool) {
         if !holds {
             self.add(key, format!("is {value}, expected {expected}"));
@@ -95,7 +95,7 @@ impl Faults {
         self.found.extend(new);
     }
 
-    /// Says of every fault where it comes from.
+    /// Adds the source of every fault.
     pub(crate) fn locate(&mut self, source: impl Fn(&str) -> Option<String>) {
         for fault in &mut self.found {
             fault.source = source(&fault.key);

@@ -1,15 +1,15 @@
-//! Files and folders that may come from somebody else, and that a kill may interrupt.
+//! Files and folders that may come from others, and that a kill may interrupt.
 //!
-//! Run folders, datasets, diagnosers and exports are handed on, so whatever lies in them is data. A name in such a
-//! folder may be a link to any file of the user, a pipe that never ends, or a file of any size. Hence the rules that
-//! everything here keeps:
+//! Run folders, datasets, diagnosers and exports are passed on, so their contents are data. A name in such a
+//! folder may be a link to any file of the user, a pipe that never ends, or a file of any size. Hence the
+//! rules that everything here keeps:
 //!
 //! - Only regular files are read, links are not followed, and no more memory is taken than the caller allows.
-//! - A new file gets a name that nobody can foresee, exclusively, and takes its own name when it is complete and on the
+//! - A new file gets an unpredictable name, exclusively, and takes its own name when it is complete and on the
 //!   disk. A link under that name is replaced. A kill leaves the old or the new file, never half of either.
 //! - A file that is written in place is a regular one with a single name.
-//! - What a kill leaves under a temporary name goes with the next write of the same file or folder. Temporary files and
-//!   folders are locked while they are written, so that nobody removes those of a living process.
+//! - What a kill leaves under a temporary name is removed by the next write of the same file or folder.
+//!   Temporary files and folders are locked while they are written, so that those of a running process stay.
 
 mod folders;
 pub mod sealed;
@@ -34,7 +34,7 @@ pub use folders::{check_folder, own_folder, remove_folder, rename, stem_of, swee
 /// The longest text or description that is read, bytes: far above those that are written.
 pub const TEXT_BYTES: u64 = 64 << 20;
 
-/// Turns an I/O error into one that names the file.
+/// Adds the file to an I/O error.
 pub fn io(path: &Path) -> impl FnOnce(Error) -> LearnError {
     let path = path.to_owned();
     move |source| LearnError::Io { path, source }
@@ -48,7 +48,7 @@ pub fn is_file_name(name: &str) -> bool {
     is_plain && parts.next().is_none() && !name.contains(['/', '\\', '\0'])
 }
 
-/// Fails unless a path is that of a regular file. Says in words what it is instead.
+/// Fails unless a path is that of a regular file. The error contains what it is instead.
 fn check_regular(found: &Metadata) -> IoResult<()> {
     let kind = found.file_type();
     let what = if kind.is_file() {
@@ -67,7 +67,7 @@ fn check_regular(found: &Metadata) -> IoResult<()> {
     Err(Error::new(ErrorKind::InvalidInput, format!("it is {what}")))
 }
 
-/// Opens a regular file in bounded time, whatever else lies there.
+/// Opens a regular file in bounded time, whatever is there.
 fn open(options: &mut OpenOptions, path: &Path) -> IoResult<(File, Metadata)> {
     match fs::symlink_metadata(path) {
         // Opening a device can have effects of its own.
@@ -84,7 +84,7 @@ fn open(options: &mut OpenOptions, path: &Path) -> IoResult<(File, Metadata)> {
 
 /// Reads the files of one folder by their names.
 pub trait Files {
-    /// Where a file lies.
+    /// Path of a file.
     fn path(&self, name: &str) -> PathBuf;
 
     /// Whether there is such a file.
@@ -123,7 +123,7 @@ pub fn read_regular(path: &Path, limit: u64) -> IoResult<Vec<u8>> {
     }
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(length as usize + 1).map_err(|_| Error::from(ErrorKind::OutOfMemory))?;
-    // It may grow meanwhile, and files of the system tell no length.
+    // It may grow meanwhile, and files of the system have no length.
     file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
         return Err(too_long(limit));
@@ -148,7 +148,7 @@ pub fn read_given_text(path: &Path) -> IoResult<String> {
 
 fn text(bytes: Vec<u8>) -> IoResult<String> {
     String::from_utf8(bytes)
-        .map_err(|error| Error::new(ErrorKind::InvalidData, format!("it is no text in UTF-8 ({error})")))
+        .map_err(|error| Error::new(ErrorKind::InvalidData, format!("it is not text in UTF-8 ({error})")))
 }
 
 fn too_long(limit: u64) -> Error {

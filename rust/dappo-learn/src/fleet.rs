@@ -4,9 +4,9 @@ use dappo_sim::backend::{Backend, ObsRows, Reset, StepOutputs};
 
 use crate::error::{LearnError, Result};
 
-const NOT_OBSERVED: &str = "the robot's observation does not tell its state, so a twin cannot be put beside it in \
-                            mid-gait; add `qpos` (with `skip` of at most 2) and `qvel` to `observation.terms`, or use \
-                            the preset `paper`";
+const NOT_OBSERVED: &str = "the robot's observation does not determine its state, so a twin cannot be \
+                            re-synchronised with it; add `qpos` (with `skip` of at most 2) and `qvel` to \
+                            `observation.terms`, or use the preset `paper`";
 
 /// N robots.
 pub struct Fleet {
@@ -39,7 +39,7 @@ impl Fleet {
         }
     }
 
-    /// What simulates them.
+    /// The backend that simulates them.
     #[must_use]
     pub fn backend(&self) -> &dyn Backend {
         self.backend.as_ref()
@@ -64,14 +64,15 @@ impl Fleet {
         Ok(self.backend.set_classes(changes)?)
     }
 
-    /// Refuses a robot whose observation does not tell its state: no twin can be put beside it in mid-gait.
+    /// Refuses a robot whose observation does not determine its state: no twin can be re-synchronised with
+    /// it.
     pub fn check_twins(&self) -> Result<()> {
         let hidden = &self.backend.task().layout().hidden_state;
         if !hidden.is_empty() {
             return Err(LearnError::Invalid(format!(
-                "the state of the robot is more than positions and velocities, so its observation does not tell it and a \
-                 twin cannot be put beside it in mid-gait: {hidden}. Change that in the MJCF, or use the preset `paper`, \
-                 whose twins begin with the episode"
+                "the state of the robot is more than positions and velocities, so its observation does not \
+                 determine it and a twin cannot be re-synchronised with it: {hidden}. Change that in the MJCF, or \
+                 use the preset `paper`, whose twins begin with the episode"
             )));
         }
         if !self.backend.task().is_observed() {
@@ -80,12 +81,12 @@ impl Fleet {
         Ok(())
     }
 
-    /// Puts all robots but those to skip into the states that observations show. What they observe themselves then
-    /// are these very observations: a state says nothing of contact forces.
+    /// Sets all robots but those to skip to the states in observations. Their own observations are then these
+    /// very ones: a state contains no contact forces.
     ///
     /// # Shapes
     /// - `shown`: `[N, O]`, `skip`: `[N]`
-    pub fn put_beside(&mut self, shown: &[f32], skip: &[bool]) -> Result<()> {
+    pub fn resync(&mut self, shown: &[f32], skip: &[bool]) -> Result<()> {
         let task = self.backend.task();
         let (nq, nv, width) = (task.layout().nq, task.layout().nv, task.obs_dim());
         let envs = self.fallen.len();
@@ -104,7 +105,7 @@ impl Fleet {
         Ok(())
     }
 
-    /// One step of all robots but those to skip. A robot that falls goes on: there is no reset here.
+    /// One step of all robots but those to skip. A robot that falls continues: there is no reset here.
     ///
     /// # Shapes
     /// - `actions`: `[N, A]`, `skip`: `[N]`

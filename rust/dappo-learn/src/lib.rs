@@ -1,7 +1,7 @@
 //! Learners for damaged robots: rollout buffers, advantages and damage-aware PPO.
 //!
-//! The crate knows robots only as rows of numbers, and envs know no learner: they take a policy that no longer changes.
-//! One iteration of training reads
+//! To this crate robots are only rows of numbers, and envs do not depend on a learner: they take a policy
+//! that no longer changes. One iteration of training reads
 //!
 //! ```text
 //! let rollout = engine.collect(&ppo.frozen()?, &mut episodes, first_step)?;

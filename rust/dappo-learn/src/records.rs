@@ -19,8 +19,8 @@ pub fn save_optimizer(optimizer: &ModuleOptimizer, path: &Path) -> Result<()> {
     write_new(path, &records::optimizer_bytes(optimizer).map_err(|error| unreadable(path, error))?)
 }
 
-/// Reads the file of a module of so many numbers; `None` stands for more than can be counted. The file must hold them:
-/// what is made from its sizes takes no more memory than the file itself.
+/// Reads the file of a module of this many numbers; `None` stands for more than can be counted. The file must
+/// hold them: what is made from its sizes takes no more memory than the file itself.
 pub fn read_numbers<F: Files + ?Sized>(files: &F, name: &str, numbers: Option<usize>) -> Result<Vec<u8>> {
     let path = files.path(name);
     let [fewest, most] = records::module_size(numbers).map_err(|error| unreadable(&path, error))?;

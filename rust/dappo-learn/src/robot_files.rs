@@ -1,6 +1,6 @@
 //! The copy of its robot that a run, a dataset or a diagnoser keeps in the folder `robot/`.
 //!
-//! A damage code means nothing without the robot whose damage it is, and robot files can change after a training.
+//! A damage code is meaningless without its robot, and robot files can change after a training.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -46,13 +46,14 @@ impl Manifest for RobotManifest {
 /// Names and contents of the files of a robot.
 pub type RobotFiles = Vec<(String, Vec<u8>)>;
 
-/// Puts the files of a robot into the folder of a run or a diagnoser, in place of those that are there.
+/// Writes the files of a robot into the folder of a run or a diagnoser, replacing those that are there.
 pub fn keep(root: &Path, files: &RobotFiles) -> Result<()> {
     check_replaceable::<RobotManifest>(&root.join(FOLDER))?;
     replace_folder(write(root, files)?, &root.join(FOLDER))
 }
 
-/// Puts the files of a robot into the folder of a dataset, unless some are there: its pieces may begin together.
+/// Writes the files of a robot into the folder of a dataset, unless some are there: its pieces may begin
+/// together.
 pub fn keep_first(root: &Path, files: &RobotFiles) -> Result<()> {
     let folder = root.join(FOLDER);
     if folder.exists() {
@@ -102,7 +103,7 @@ mod tests {
         keep_first(&root, &files(&["one"])).unwrap();
         keep_first(&root, &files(&["two", "three"])).unwrap();
         assert_eq!(contents(&root), expected("one"));
-        // No list names this file, so it may be somebody's.
+        // No list contains this file, so it may belong to a user.
         let refused = keep(&root, &files(&["two"])).unwrap_err().to_string();
         assert!(refused.contains("robot is neither new nor a copy of a robot"), "{refused}");
         assert_eq!(contents(&root), expected("one"));
@@ -113,7 +114,7 @@ mod tests {
         let header = root.join(FOLDER).join(RobotManifest::NAME);
         fs::write(&header, list("other")).unwrap();
         let refused = keep(&root, &files(&["two"])).unwrap_err().to_string();
-        assert!(refused.contains("robot/one is no file of a copy of a robot"), "{refused}");
+        assert!(refused.contains("robot/one is not a file of a copy of a robot"), "{refused}");
         fs::write(&header, list("one")).unwrap();
         keep(&root, &files(&["two"])).unwrap();
         assert_eq!(contents(&root), expected("two"));

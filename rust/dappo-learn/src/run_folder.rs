@@ -21,7 +21,7 @@ pub struct RunFolder {
     root: PathBuf,
 }
 
-/// What made the run, for whoever reads it later.
+/// What made the run, for later readers.
 #[derive(Debug, Clone, Serialize)]
 pub struct Meta {
     /// Version of this program.
@@ -55,11 +55,11 @@ impl RunFolder {
     /// Makes a new run folder; refuses one that already holds a run.
     pub fn create(root: &Path, config: &Config, meta: &Meta, robot: &RobotFiles) -> Result<LockedRun> {
         fs::create_dir_all(root).map_err(io(root))?;
-        // Only then is there a look at what it holds: of two processes that begin together, one makes the run.
+        // Its contents are read only under the lock: of two processes that begin together, one makes the run.
         let run = Self { root: root.to_owned() }.lock()?;
         if run.config_path().exists() {
             return Err(LearnError::Invalid(format!(
-                "{} already holds a run; choose another folder with --run, or go on with it with --resume",
+                "{} already holds a run; choose another folder with --run, or resume it with --resume",
                 root.display()
             )));
         }
@@ -265,7 +265,8 @@ impl LockedRun {
         self.metrics().append(metrics)
     }
 
-    /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run goes on from there.
+    /// Drops the metrics of iterations after `iteration`, and a line cut short by a kill: the run resumes
+    /// from there.
     pub(crate) fn rewind_metrics(&self, iteration: u64) -> Result<()> {
         self.metrics().rewind("iteration", iteration)
     }

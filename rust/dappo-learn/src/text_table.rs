@@ -1,4 +1,4 @@
-//! Tables as text for people, in columns as wide as their longest cell.
+//! Tables as text, in columns as wide as their longest cell.
 
 /// A table with a header line. Columns whose header begins with `<` are aligned to the left, others to the right.
 pub fn table<const COLUMNS: usize>(

@@ -1,4 +1,4 @@
-//! What stays in memory when a learner has worked: nothing that grows with its updates. Alone in its program, as its
+//! The memory of a learner does not grow with its updates. Alone in its program, as its
 //! allocator counts for all of it.
 
 #![allow(clippy::unwrap_used, missing_docs)]
@@ -22,7 +22,7 @@ fn count(blocks: isize, bytes: isize) {
     BYTES.fetch_add(bytes, Ordering::Relaxed);
 }
 
-// SAFETY: every call goes on to the system's allocator as it came.
+// SAFETY: every call is forwarded to the system's allocator as it came.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(1, layout.size() as isize);
@@ -55,7 +55,7 @@ fn config() -> PpoConfig {
     }
 }
 
-/// One update on a rollout whose rewards ask for small actions.
+/// One update on a rollout whose rewards favour small actions.
 fn update(ppo: &mut Ppo) {
     let (horizon, envs) = (4, 32);
     let mut stream = Stream::new(11, ppo.updates(), Purpose::ActionNoise);

@@ -30,8 +30,8 @@ struct WrittenAdam {
     level: Level,
 }
 
-/// Adam with a guard `epsilon` against division by zero. Both kinds take the same steps, and go on from each other's
-/// records.
+/// Adam with a guard `epsilon` against division by zero. Both kinds take the same steps, and continue from
+/// each other's records.
 #[must_use]
 pub fn adam(epsilon: f32, gradients: Gradients) -> ModuleOptimizer {
     match gradients {
@@ -65,7 +65,7 @@ impl Optimizer for WrittenAdam {
             epsilon: self.epsilon * correction_2.sqrt(),
             step_size: learning_rate as f32 * correction_2.sqrt() / correction_1,
         };
-        // Data of a tensor that nobody else holds is moved, not copied: the moments are, the parameter is not.
+        // Data of a tensor without other owners is moved, not copied: the moments are, the parameter is not.
         let gradient = gradient.into_data();
         let (mut p, mut m, mut v) =
             (parameter.into_data(), moments.moment_1.into_data(), moments.moment_2.into_data());
@@ -133,7 +133,7 @@ mod tests {
         let loaded = adam(1e-8, Gradients::Written).load(&path).unwrap();
         let (expected, ..) = train(optimizer, net.clone(), 2);
         assert_eq!(expected, train(loaded, net.clone(), 2).0);
-        // The other kind reads the same record, and goes on with the same moments.
+        // The other kind reads the same record, and continues with the same moments.
         let other = adam(1e-8, Gradients::Recorded).load(&path).unwrap();
         for (got, expected) in train(other, net, 2).0.iter().zip(&expected) {
             assert!((got - expected).abs() < 1e-6, "{got}, expected {expected}");

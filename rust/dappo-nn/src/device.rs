@@ -33,7 +33,7 @@ impl LearnerDevice {
         self.into()
     }
 
-    /// The device itself, or an error that says what it lacks.
+    /// The device itself, or an error with what it lacks.
     pub fn open(self) -> Result<Device> {
         match self {
             Self::Cpu => {

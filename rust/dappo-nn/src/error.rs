@@ -1,5 +1,5 @@
-//! What can go wrong with networks and their inputs. Every message says what was read, what was got and what was
-//! expected.
+//! What can go wrong with networks and their inputs. Every message contains what was read, what was got and
+//! what was expected.
 
 /// The result of a fallible operation of this crate.
 pub type Result<T> = std::result::Result<T, NnError>;

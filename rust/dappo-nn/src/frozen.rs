@@ -52,7 +52,7 @@ impl FrozenActorCritic {
 
     /// Samples an action for every observation: action = mean + std · noise.
     ///
-    /// The noise comes from the caller, who draws it from a counter-based stream.
+    /// The noise comes from the caller, which draws it from a counter-based stream.
     ///
     /// # Shapes
     /// obs `[N, O]`, raw; noise `[N, A]`, standard normal

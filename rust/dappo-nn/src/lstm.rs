@@ -1,4 +1,4 @@
-//! An LSTM behind a linear embedding of every time step, of which only the last hidden state is wanted.
+//! An LSTM behind a linear embedding of every time step, of which only the last hidden state is used.
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;

@@ -173,7 +173,7 @@ impl Normalizer {
         for chunk in &chunks {
             moments.merge(chunk);
         }
-        // One bad observation would spoil the statistics for good, so it is refused instead.
+        // One bad observation would spoil the statistics permanently, so it is refused instead.
         for (index, mean) in moments.mean.iter().enumerate() {
             check_finite(format!("mean of observation entry {index}"), *mean)?;
         }

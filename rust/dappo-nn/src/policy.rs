@@ -67,8 +67,8 @@ impl Policy {
         self.net.apply(&self.transform.apply(obs)?)
     }
 
-    /// The most probable actions where every robot is taken for healthy: if the policy has a damage code, the code is that
-    /// of no damage.
+    /// The most probable actions where every robot is assumed healthy: if the policy has a damage code, the
+    /// code is that of no damage.
     ///
     /// # Shapes
     /// - `obs`: `[N, obs_dim]`, raw, without damage code

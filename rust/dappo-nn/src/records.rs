@@ -29,8 +29,8 @@ pub fn optimizer_bytes(optimizer: &ModuleOptimizer) -> Result<Bytes> {
     optimizer.into_bytes().map_err(unreadable)
 }
 
-/// The fewest and the most bytes of the record of a module of so many numbers; `None` stands for more than can be counted.
-/// What is made from its sizes then takes no more memory than the record itself.
+/// The fewest and the most bytes of the record of a module of this many numbers; `None` stands for more than
+/// can be counted. What is made from its sizes then takes no more memory than the record itself.
 pub fn module_size(numbers: Option<usize>) -> Result<[u64; 2]> {
     let fewest = numbers.and_then(|numbers| (numbers as u64).checked_mul(4));
     let fewest = fewest.ok_or_else(|| unreadable("its sizes are beyond all memory"))?;

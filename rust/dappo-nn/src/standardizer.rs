@@ -9,8 +9,8 @@ use crate::{CLIP, Normalizer};
 /// what is left is the rounding of `f32`.
 const ROUNDING: f64 = 1e-6;
 
-/// Brings every component to mean 0 and variance 1 over the training samples, clipped to ± [`CLIP`]; components
-/// that never vary become 0.
+/// Scales every component to mean 0 and variance 1 over the training samples, clipped to ± [`CLIP`];
+/// components that never vary become 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Standardizer {

@@ -5,7 +5,7 @@ use pyo3::types::PyBool;
 
 use crate::errors::{Kind, raise};
 
-/// An argument as a value of Rust; `expected` says what it must be.
+/// An argument as a value of Rust; `expected` describes what it must be.
 pub fn argument<'py, T>(value: &Bound<'py, PyAny>, what: &str, expected: &str) -> PyResult<T>
 where
     T: for<'a> FromPyObject<'a, 'py>,

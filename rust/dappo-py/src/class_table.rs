@@ -1,4 +1,4 @@
-//! Reads a Python `ClassTable` (compiled MuJoCo models) and makes backends of it.
+//! Reads a Python `ClassTable` (compiled MuJoCo models) and creates backends from it.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ pub struct BackendOptions<'a> {
     pub room: Room,
 }
 
-/// What Rust needs to know about a class table, besides the models themselves.
+/// What Rust needs of a class table, besides the models themselves.
 pub struct ClassTable<'py> {
     object: Bound<'py, PyAny>,
     /// The robot file.
@@ -65,8 +65,8 @@ impl<'py> ClassTable<'py> {
         Ok(Self { object: object.clone(), robot, space, layout })
     }
 
-    /// The robot as the lane engine knows it if `kind` means that, or else why not; empty if it was not asked
-    /// for.
+    /// The compiled robot of the lane engine if `kind` allows it, or else why not; empty if it was not
+    /// requested.
     pub fn lane_table(&self, kind: BackendKind) -> PyResult<Result<LaneTable, String>> {
         // Python's errors are not the lane engine's, so everything is read before it compiles.
         let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };

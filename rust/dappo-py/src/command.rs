@@ -15,14 +15,14 @@ use crate::cli::{self, Caller};
 use crate::errors::{Kind, raise};
 use crate::keywords::read;
 
-/// How long Ctrl-C waits to be noticed.
+/// Longest time until Ctrl-C is detected.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Runs a command: `train`, `evaluate`, `adapt`, `export`, `collect_pairs`, `train_diagnoser` or `evaluate_diagnoser`.
 ///
-/// `arguments` are those of the command line by their names in Python, and `given` says how the command was given.
-/// `callback` gets every object that the command prints with `--json`; when it returns `False`, the command stops in
-/// good order. The command runs in a thread of its own, so that this one hears Ctrl-C.
+/// `arguments` are those of the command line by their names in Python, and `given` is the command as it was
+/// given. `callback` gets every object that the command prints with `--json`; when it returns `False`, the
+/// command stops in good order. The command runs in a thread of its own, so that this one receives Ctrl-C.
 #[pyfunction]
 #[expect(
     clippy::redundant_closure_for_method_calls,
@@ -41,7 +41,7 @@ pub fn run_command(
     let stop = Arc::new(AtomicBool::new(false));
     let (objects, received) = channel();
     let caller = Caller::Program { objects, stop: Arc::clone(&stop) };
-    let hear = |text: &str| {
+    let call = |text: &str| {
         let Some(callback) = &callback else { return Ok(()) };
         Python::attach(|py| {
             let object = py.import("json")?.call_method1("loads", (text,))?;
@@ -52,20 +52,20 @@ pub fn run_command(
             Ok(())
         })
     };
-    let (stop, hear) = (&stop, &hear);
+    let (stop, call) = (&stop, &call);
     py.detach(move || {
         thread::scope(|scope| {
             let worker = scope.spawn(move || Python::attach(|py| cli::run(py, &command, &[given], &caller)));
             let mut outcome: PyResult<()> = Ok(());
             loop {
-                let heard = match received.recv_timeout(PATIENCE) {
-                    // A callback that has raised is not asked again.
-                    Ok((text, _answered)) if outcome.is_ok() => hear(&text),
+                let called = match received.recv_timeout(PATIENCE) {
+                    // A callback that has raised is not called again.
+                    Ok((text, _answered)) if outcome.is_ok() => call(&text),
                     Ok(_) => Ok(()),
                     Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals()),
                     Err(RecvTimeoutError::Disconnected) => break,
                 };
-                if let Err(error) = heard {
+                if let Err(error) = called {
                     stop.store(true, Ordering::Relaxed);
                     outcome = outcome.and(Err(error));
                 }
@@ -78,7 +78,7 @@ pub fn run_command(
     })
 }
 
-/// A command that hands its objects over.
+/// A command that passes on its objects.
 fn command(name: &str, arguments: &Bound<'_, PyDict>) -> PyResult<Command> {
     if arguments.contains("json")? {
         return Err(raise(Kind::Config, "there is no argument `json`; results are returned"));

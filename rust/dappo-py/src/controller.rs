@@ -22,7 +22,7 @@ use crate::vector_env::not_contiguous;
 /// Opens the parts of a controller; fails unless they were made with the robot of the policy's run.
 pub fn open_parts(py: Python<'_>, run: &OpenRun, expert: Option<&Path>, diagnoser: &Path) -> PyResult<Parts> {
     // The expert has no damage code, so that its damage classes may be others.
-    let expert = expert.map(|expert| run.open_beside(py, expert, false)).transpose()?;
+    let expert = expert.map(|expert| run.open_other(py, expert, false)).transpose()?;
     run.check_folder(py, diagnoser)?;
     let expert = expert.map(|OpenRun { folder, config, .. }| (folder, config));
     Ok(Parts { expert, diagnoser: diagnoser.to_owned() })
@@ -57,7 +57,7 @@ pub fn settings(trigger: &str, assignments: &[Assignment]) -> dappo_learn::Resul
     ControllerConfig::with(&[&[trigger], assignments].concat())
 }
 
-/// Robots that find out by themselves what broke, and walk on.
+/// Controls robots online: detects damage, diagnoses it and adapts the policy.
 #[pyclass(name = "Controller", module = "dappo_batch._core")]
 pub struct PyController {
     controller: Controller,
@@ -141,7 +141,7 @@ impl PyController {
         self.controller.class_names().to_vec()
     }
 
-    /// The damage class that the policy is told of each robot.
+    /// The assumed class of each robot.
     #[getter]
     fn damage_classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         PyArray1::from_iter(py, self.controller.classes().into_iter().map(|class| class as i64))
@@ -173,7 +173,7 @@ impl PyController {
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])
     }
 
-    /// Begins anew with the robots of a mask, all for `None`.
+    /// Resets the robots of a mask, all for `None`.
     #[pyo3(signature = (mask=None))]
     fn reset(&mut self, py: Python<'_>, mask: Option<Vec<bool>>) -> PyResult<()> {
         let Self { controller, pool, .. } = self;

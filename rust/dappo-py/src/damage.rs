@@ -53,7 +53,7 @@ impl PyDamageClass {
     }
 }
 
-/// The names of damage types. They are read one by one: a sequence may say that it is longer than any memory.
+/// The names of damage types. They are read one by one: a sequence may claim to be longer than any memory.
 fn names(types: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
     if types.is_instance_of::<PyString>() || types.cast::<PySequence>().is_err() {
         return argument(types, "types", "a sequence of names");
@@ -126,7 +126,7 @@ impl PyDamageSpace {
 
     /// The class id that a specification or an id names.
     fn parse(&self, spec: &Bound<'_, PyAny>) -> PyResult<usize> {
-        let expected = "a class id, or a text that names damages";
+        let expected = "a class id, or the name of a damage class";
         let text = match argument::<i64>(spec, "a damage", expected) {
             Ok(id) => id.to_string(),
             Err(_) => argument(spec, "a damage", expected)?,

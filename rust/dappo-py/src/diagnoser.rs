@@ -1,4 +1,4 @@
-//! `Diagnoser` in Python: a trained diagnoser by itself, for trajectories that were logged.
+//! `Diagnoser` in Python: a trained diagnoser without a controller, for trajectories that were logged.
 
 use std::path::PathBuf;
 
@@ -45,17 +45,17 @@ impl PyDiagnoser {
         let run = OpenRun::open(py, &expert, robot_changed)?;
         run.check_folder(py, &folder)?;
         let OpenRun { folder: run, mut config, .. } = run;
-        // Threads are a matter of this machine, not of the one that trained.
+        // Threads depend on this machine, not on that of the training.
         config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;
         let expert = pool.run(py, || RunPolicy::trained(&run, &config, &factory))?.policy;
         let description = diagnoser.description();
-        let (knows, classes) = (description.subject.classes(), factory.space().classes().len());
-        if (description.obs_dim, knows) != (expert.obs_dim(), classes) {
+        let (own, classes) = (description.subject.classes(), factory.space().classes().len());
+        if (description.obs_dim, own) != (expert.obs_dim(), classes) {
             return Err(raise(
                 Kind::Config,
                 format!(
-                    "the diagnoser knows {knows} damage classes and observations of {} numbers, the expert {classes} and {}; \
+                    "the diagnoser has {own} damage classes and observations of {} numbers, the expert {classes} and {}; \
                      they must be of one robot",
                     description.obs_dim,
                     expert.obs_dim()
@@ -135,10 +135,10 @@ impl PyDiagnoser {
             obs: obs.as_slice().map_err(not_contiguous)?,
             actions: actions.as_slice().map_err(not_contiguous)?,
         };
-        let led = self.diagnoser.description().twin;
+        let mode = self.diagnoser.description().twin;
         self.pool.run(py, || {
             let twins = self.factory.backend(robots, None, self.factory.evaluation_physics())?;
-            trajectories.windows(led, &self.expert, twins)
+            trajectories.windows(mode, &self.expert, twins)
         })
     }
 }

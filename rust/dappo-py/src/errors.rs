@@ -26,7 +26,7 @@ pub enum Kind {
     Config,
     /// An array of the wrong shape or dtype.
     Shape,
-    /// The simulation cannot go on.
+    /// The simulation cannot continue.
     Simulation,
     /// A run folder, checkpoint or dataset cannot be read or written.
     Checkpoint,
@@ -60,7 +60,7 @@ fn tree(py: Python<'_>) -> PyResult<&Tree> {
         let kinds = [
             under("ConfigError", "An option, robot file or damage specification cannot be used.", &value)?,
             under("ShapeError", "An array has the wrong shape or dtype.", &value)?,
-            under("SimulationError", "The simulation cannot go on.", &runtime)?,
+            under("SimulationError", "The simulation cannot continue.", &runtime)?,
             under("CheckpointError", "A run folder or checkpoint cannot be used.", &runtime)?,
         ];
         Ok::<_, PyErr>(Tree { kinds, base: base.unbind() })
@@ -146,7 +146,7 @@ fn nn_kind(error: &NnError) -> Kind {
     }
 }
 
-/// The way back: what an exception of Python code means to a simulation.
+/// The reverse: an exception of Python code as an error of a simulation.
 pub fn to_sim(py: Python<'_>, error: &PyErr) -> SimError {
     // Ctrl-C while Python code runs becomes an exception there.
     if error.is_instance_of::<PyKeyboardInterrupt>(py) {

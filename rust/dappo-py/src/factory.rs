@@ -28,7 +28,7 @@ pub struct TableFactory {
     /// Threads of the pool that the backends will compute in.
     threads: usize,
     room: Room,
-    /// The robot as the lane engine knows it, or why libmujoco simulates it on the CPU.
+    /// The compiled robot of the lane engine, or why libmujoco simulates it on the CPU.
     lanes: Result<LaneTable, String>,
     training: Physics,
     evaluation: Physics,
@@ -52,7 +52,7 @@ impl TableFactory {
         let table = ClassTable::read(&object)?;
         let lanes = table.lane_table(config.env.backend)?;
         if lanes.is_ok() {
-            // An instruction set that cannot be used is to be known before there is a run folder.
+            // An unusable instruction set is an error before there is a run folder.
             simd::chosen().or_raise()?;
         }
         let integrator = py
@@ -74,12 +74,12 @@ impl TableFactory {
         })
     }
 
-    /// Name of the reward function that a configuration means.
+    /// Name of the reward function of a configuration.
     pub fn reward_name(&self, config: &Config) -> String {
         config.env.reward.clone().unwrap_or_else(|| self.robot.reward.default.clone())
     }
 
-    /// The backend that the configuration means for this robot on the CPU.
+    /// The backend of the configuration for this robot on the CPU.
     pub fn backend_kind(&self) -> BackendKind {
         if self.lanes.is_ok() { BackendKind::Lanes } else { BackendKind::Mujoco }
     }

@@ -1,4 +1,4 @@
-//! Files of folders that may come from somebody else, for Python code.
+//! Files of folders that may come from others, for Python code.
 
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};

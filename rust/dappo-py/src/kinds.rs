@@ -62,7 +62,8 @@ impl<const MIN: i64, const MAX: i64> FromStr for Whole<MIN, MAX> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // What is no whole number is refused like one that is too small. 1e6 is one, and exact as far as its digits go.
+        // Fractions are refused like numbers that are too small. 1e6 is a whole number, exact up to its
+        // digits.
         let exact = |number: &f64| number.fract() == 0.0 && number.abs() <= 2f64.powi(53);
         let float = || text.parse::<f64>().ok().filter(exact).map(|number| number as i64);
         Self::try_from(text.parse().ok().or_else(float).unwrap_or(i64::MIN))
@@ -134,9 +135,9 @@ pub enum Integrator {
 /// What to do where a robot file has changed since the training; without it, a command stops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RobotChanged {
-    /// Go on with the robot as the run has it
+    /// Use the robot as the run has it
     UseRun,
-    /// Go on with the robot file as it is now
+    /// Use the robot file as it is now
     UseFile,
 }
 

@@ -1,4 +1,4 @@
-//! `Policy` in Python: a trained policy by itself.
+//! `Policy` in Python: a trained policy.
 
 use std::path::PathBuf;
 
@@ -72,7 +72,7 @@ impl PyPolicy {
         self.policy.action_dim()
     }
 
-    /// Whether the policy is told the damage class.
+    /// Whether the policy observes the damage code.
     #[getter]
     fn observes_damage(&self) -> bool {
         self.policy.code_length() > 0
@@ -95,7 +95,7 @@ impl PyPolicy {
         self.env_steps
     }
 
-    /// The actions for rows of observations without damage code, each told a class.
+    /// The actions for rows of observations without damage code, each with the code of a class.
     fn act<'py>(
         &self,
         py: Python<'py>,
@@ -116,8 +116,8 @@ impl PyPolicy {
         }
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let classes = damage_classes.as_slice().map_err(not_contiguous)?;
-        let told = self.tell(rows, classes)?;
-        let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&told)?))?;
+        let coded = self.with_codes(rows, classes)?;
+        let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&coded)?))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.policy.action_dim()])
     }
 }
@@ -128,19 +128,19 @@ impl PyPolicy {
         Self { policy, pool, codes, space: space.clone(), env_steps }
     }
 
-    /// Puts the code of its class behind every observation.
-    fn tell(&self, rows: &[f32], classes: &[i64]) -> PyResult<Vec<f32>> {
+    /// Appends the code of its class to every observation.
+    fn with_codes(&self, rows: &[f32], classes: &[i64]) -> PyResult<Vec<f32>> {
         let (known, code_length) = (self.space.classes().len(), self.policy.code_length());
-        let mut told = Vec::with_capacity(classes.len() * self.policy.transform().width());
+        let mut coded = Vec::with_capacity(classes.len() * self.policy.transform().width());
         for (row, &class) in rows.chunks_exact(self.policy.obs_dim()).zip(classes) {
             let Some(class) = usize::try_from(class).ok().filter(|&class| class < known) else {
                 let message =
                     format!("damage class {class} does not exist; the classes are 0 to {}", known - 1);
                 return Err(raise(Kind::Config, message));
             };
-            told.extend_from_slice(row);
-            told.extend_from_slice(&self.codes[class * code_length..][..code_length]);
+            coded.extend_from_slice(row);
+            coded.extend_from_slice(&self.codes[class * code_length..][..code_length]);
         }
-        Ok(told)
+        Ok(coded)
     }
 }

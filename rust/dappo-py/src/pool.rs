@@ -11,7 +11,7 @@ use crate::errors::{Kind, OrRaise, raise};
 pub struct Pool(ThreadPool);
 
 impl Pool {
-    /// Starts so many threads, one for each core for `None`; refuses 0 and more than [`MOST_THREADS`].
+    /// Starts this many threads, one for each core for `None`; refuses 0 and more than [`MOST_THREADS`].
     pub fn new(threads: Option<usize>) -> PyResult<Self> {
         if let Some(threads) = threads.filter(|threads| !(1..=MOST_THREADS).contains(threads)) {
             let message = format!("`threads` is {threads}, expected a whole number from 1 to {MOST_THREADS}");

@@ -1,6 +1,6 @@
 //! The robot of a run: the one that it was trained on, of which the run keeps a copy.
 //!
-//! Every command that reads a run opens it here, so that none takes another robot for it unnoticed.
+//! Every command that reads a run opens it here, so that none uses another robot by mistake.
 
 use std::path::{Path, PathBuf};
 
@@ -58,7 +58,7 @@ impl RobotCopy {
     }
 }
 
-/// Fails if the robot of an export, which may come from somebody else, needs other files than those of the export.
+/// Fails if the robot of an export, which may come from others, needs other files than those of the export.
 pub fn check_export(py: Python<'_>, export: &Export) -> PyResult<()> {
     let files = PyDict::new(py);
     for (name, content) in export.robot_files().or_raise()? {
@@ -90,7 +90,7 @@ pub struct OpenRun {
 }
 
 impl OpenRun {
-    /// Opens a run; fails if its robot file has changed since the training and `changed` does not say what to do.
+    /// Opens a run; fails if its robot file has changed since the training and `changed` is not given.
     pub fn open(py: Python<'_>, root: &Path, changed: Option<RobotChanged>) -> PyResult<Self> {
         let (folder, mut config) = RunFolder::open(root).or_raise()?;
         let damage = to_python(py, &config.damage)?;
@@ -110,7 +110,7 @@ impl OpenRun {
     }
 
     /// Opens another run for the same command; fails unless both have one robot, and one damage if that matters.
-    pub fn open_beside(&self, py: Python<'_>, root: &Path, with_damage: bool) -> PyResult<Self> {
+    pub fn open_other(&self, py: Python<'_>, root: &Path, with_damage: bool) -> PyResult<Self> {
         let other = Self::open(py, root, self.changed)?;
         self.robot.check_same(py, self.folder.root(), (root, &other.robot), with_damage)?;
         Ok(other)
@@ -118,7 +118,7 @@ impl OpenRun {
 
     /// Fails if a dataset or a diagnoser was made with another robot, or with another meaning of its damage codes.
     pub fn check_folder(&self, py: Python<'_>, root: &Path) -> PyResult<()> {
-        // Who goes on with the robot file as it is now has been shown what differs.
+        // A user who continues with the current robot file has seen what differs.
         if self.changed == Some(RobotChanged::UseFile) {
             return Ok(());
         }

@@ -215,7 +215,7 @@ impl PyVectorEnv {
         self.device
     }
 
-    /// Why it is not the lane engine; empty if it is, or if nobody asked for it.
+    /// Why it is not the lane engine; empty if it is, or if another was chosen.
     #[getter]
     fn backend_note(&self) -> &str {
         &self.backend_note
@@ -283,7 +283,7 @@ impl PyVectorEnv {
         Ok((qpos, qvel))
     }
 
-    /// Puts every env into a given state and refreshes the observations.
+    /// Sets every env to a given state and refreshes the observations.
     #[pyo3(signature = (qpos, qvel, at_rest = false))]
     fn set_state(
         &mut self,

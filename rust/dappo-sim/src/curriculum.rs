@@ -60,7 +60,7 @@ impl ClassDistribution {
     pub fn at(&self, u: f64) -> usize {
         let last = self.cumulative.len() - 1;
         // A weight of zero repeats the previous sum, so "first sum above u" never picks it; rounding may
-        // leave the final sum below u, in which case the last class of positive weight is meant.
+        // leave the final sum below u, in which case the last class of positive weight is drawn.
         let found = self.cumulative.partition_point(|&sum| sum <= u);
         if found <= last {
             return found;
@@ -174,7 +174,7 @@ fn one() -> f64 {
     1.0
 }
 
-/// The stage in force when the share `progress` (0 to 1) of the run is done.
+/// The active stage when the share `progress` (0 to 1) of the run is done.
 ///
 /// Returns 0 for an empty curriculum.
 #[must_use]

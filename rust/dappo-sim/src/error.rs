@@ -1,4 +1,4 @@
-//! What can go wrong in a simulation. Every message says what, what was got and what was expected.
+//! What can go wrong in a simulation. Every message contains what was wrong and what was expected.
 
 use thiserror::Error;
 
@@ -38,38 +38,38 @@ pub enum SimError {
     Library {
         /// Path of the shared library.
         path: String,
-        /// What the dynamic loader said.
+        /// The message of the dynamic loader.
         reason: String,
     },
 
-    /// A robot that the lane engine does not know everything about; `mujoco` simulates it.
+    /// A robot that the lane engine does not support; `mujoco` simulates it.
     #[error("the lane engine cannot simulate this robot: {0}")]
     Unsupported(String),
 
     /// A worker pool could not be started.
     #[error("cannot start {threads} worker threads: {reason}")]
     Threads {
-        /// Number of threads asked for.
+        /// Number of threads requested.
         threads: usize,
-        /// What the operating system said.
+        /// The message of the operating system.
         reason: String,
     },
 
-    /// The device of the physics cannot go on: too little memory, too little room for contacts.
+    /// The device of the physics cannot continue: too little memory, too little room for contacts.
     #[error("{0}")]
     Device(String),
 
-    /// Whoever was to make the physics was told to stop, for example with Ctrl-C.
+    /// The creation of the physics was interrupted, for example with Ctrl-C.
     #[error("interrupted")]
     Interrupted,
 
     /// More memory than there is.
     #[error(
-        "not enough memory for {what}: about {} are needed, {} are available; ask for less, or give the process more",
+        "not enough memory for {what}: about {} are needed, {} are available; request less, or give the process more",
         gigabytes(*needed), gigabytes(u128::from(*available))
     )]
     Memory {
-        /// What asks for it.
+        /// What needs it.
         what: String,
         /// Bytes, estimated.
         needed: u128,
@@ -82,7 +82,7 @@ pub enum SimError {
     Snapshot(String),
 }
 
-/// A number of bytes for people.
+/// A number of bytes as text.
 fn gigabytes(bytes: u128) -> String {
     let gigabytes = bytes as f64 / 1e9;
     if gigabytes < 1e6 { format!("{gigabytes:.2} GB") } else { format!("{gigabytes:.1e} GB") }

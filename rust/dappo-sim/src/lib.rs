@@ -10,7 +10,7 @@
 //!   vector env: time limit, autoreset, damage draw, onset, final_obs
 //! ```
 //!
-//! This crate knows numbers and damage classes; it knows no Python, no learner and no screen.
+//! This crate handles numbers and damage classes; it depends on no Python, no learner and no screen.
 
 pub mod backend;
 pub mod curriculum;

@@ -1,4 +1,4 @@
-//! Whether what is asked for fits the memory, before it is taken: an allocation that fails ends the process.
+//! Whether a request fits the memory, before it is taken: an allocation that fails ends the process.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ pub fn of_envs(num_envs: usize, layout: &Layout, obs_dim: usize) -> Bytes {
 }
 
 /// Bytes that this process may still take: what the machine has, and what its limits leave. `None` where the
-/// operating system does not tell.
+/// operating system does not report it.
 fn available() -> Option<u64> {
     [free_memory(), address_space(), control_group()].into_iter().flatten().min()
 }

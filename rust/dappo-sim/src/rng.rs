@@ -62,7 +62,7 @@ pub enum Purpose {
     Dropout = 13,
 }
 
-/// A stream of random numbers: `key` names the run or env, `episode` the episode (or iteration).
+/// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).
 #[derive(Debug, Clone)]
 pub struct Stream {
     key: [u32; 2],
@@ -123,7 +123,7 @@ impl Stream {
         ((u128::from(self.next_u64()) * u128::from(bound)) >> 64) as u64
     }
 
-    /// Puts `items` into random order (Fisher and Yates).
+    /// Shuffles `items` (Fisher and Yates).
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for last in (1..items.len()).rev() {
             items.swap(last, self.below(last as u64 + 1) as usize);

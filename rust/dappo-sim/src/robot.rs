@@ -47,7 +47,7 @@ pub struct Robot {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limb {
-    /// Name for people.
+    /// Name in texts.
     pub name: String,
     /// Root body of the limb.
     pub body: String,
@@ -105,7 +105,7 @@ pub struct Observation {
 /// The section `[reward]`.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RewardSection {
-    /// Name of the reward used when none is asked for.
+    /// Name of the reward used when none is chosen.
     pub default: String,
     /// Reward functions by name.
     #[serde(flatten)]
@@ -272,7 +272,7 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
             (
                 "default = \"walk\"",
                 "default = \"run\"",
-                "`default` is \"run\", which is none of the rewards (walk)",
+                "`default` is \"run\", which is not one of the rewards (walk)",
             ),
             ("[reward.walk]", "[reward.run]", "`default` is \"walk\""),
             ("[reset]", "[rset]", "unknown entries rset"),

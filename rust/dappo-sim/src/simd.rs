@@ -4,16 +4,17 @@ pub use dappo_lanes::Simd;
 
 use crate::error::SimError;
 
-/// Environment variable that names the instruction set.
+/// Environment variable that selects the instruction set.
 const VARIABLE: &str = "DAPPO_SIMD";
 
-/// The fastest instruction set of this processor, or the one named by the environment variable `DAPPO_SIMD`.
+/// The fastest instruction set of this processor, or the one selected by the environment variable
+/// `DAPPO_SIMD`.
 pub fn chosen() -> Result<Simd, SimError> {
-    let asked = std::env::var(VARIABLE).ok().filter(|name| !name.is_empty());
-    select(asked.as_deref(), VARIABLE)
+    let name = std::env::var(VARIABLE).ok().filter(|name| !name.is_empty());
+    select(name.as_deref(), VARIABLE)
 }
 
-/// The instruction set of this name, or the fastest one; `source` says who asked.
+/// The instruction set of this name, or the fastest one; `source` is where the name comes from.
 pub fn select(name: Option<&str>, source: &str) -> Result<Simd, SimError> {
     let available = Simd::available();
     let found = match name {

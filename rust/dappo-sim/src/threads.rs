@@ -1,7 +1,8 @@
 //! Worker threads.
 //!
-//! What computes in parallel does so in the pool that it is called in, see [`ThreadPool::install`]. Nothing computes in
-//! rayon's global pool: nobody chose its size, and a forked process, which has none of its threads, cannot replace it.
+//! What computes in parallel does so in the pool that it is called in, see [`ThreadPool::install`]. Nothing
+//! computes in rayon's global pool: its size is not chosen here, and a forked process, which has none of its
+//! threads, cannot replace it.
 
 use std::process;
 use std::sync::OnceLock;
@@ -50,8 +51,8 @@ impl ThreadPool {
     }
 }
 
-/// The threads of one process. A fork copies the memory of a pool but none of its threads, so that whoever waits for
-/// them waits for ever.
+/// The threads of one process. A fork copies the memory of a pool but none of its threads, so that a wait for
+/// them never ends.
 ///
 /// No lock is held while threads start. That of `next` is held only while a generation that is complete is put into it.
 struct Generation {

@@ -19,39 +19,37 @@ pub struct ClassOutcome {
     pub episodes: usize,
     /// Episodes that ended before.
     pub ended_before: usize,
-    /// Episodes with a suspicion before the damage (in all of the episode, if the robot stays healthy).
+    /// Episodes with a suspicion before the onset (in the whole episode, if the robot stays healthy).
     pub false_alarms: usize,
     /// Episodes in which damage was suspected after it struck.
     pub detected: usize,
     /// Median number of steps from the damage to the suspicion, where there was one.
     pub median_delay: Option<f64>,
-    /// Episodes whose first diagnosis after the damage was right.
+    /// Episodes whose first diagnosis after the onset was correct.
     pub right_at_first: usize,
-    /// Episodes in which the policy had the code of the right class in the end.
+    /// Episodes whose assumed class was correct at the end.
     pub right_at_last: usize,
-    /// The classes whose codes the policy had in the end, the most frequent first.
-    #[serde(rename = "told")]
-    pub given: Vec<GivenClass>,
+    /// The assumed classes at the end of the episodes, the most frequent first.
+    pub assumed: Vec<AssumedClass>,
     /// Examinations an episode.
     pub examinations: f64,
     /// Episodes in which the robot recovered: it was diagnosed, and keeps four fifths of the oracle's speed to the end.
     pub recovered: usize,
-    /// Median number of steps that this took from the damage on, where it happened.
+    /// Median number of steps from the onset to the recovery, where there was one.
     pub median_recovery: Option<f64>,
-    /// Episodes that the controller ended in failure.
+    /// Episodes in which the adapted robot fell.
     pub falls: usize,
-    /// Episodes that it ended at less than a tenth of the speed before the damage.
+    /// Episodes at whose end it stood still, at less than a tenth of the speed before the onset.
     pub stood_still: usize,
     /// Forward velocity before the damage, m/s.
     pub velocity_before: f64,
     /// Forward velocity over the last 200 steps, m/s; a fallen robot has 0.
     pub velocity_kept: f64,
-    /// The same of the oracle; `None` for damage that it does not know.
+    /// The same of the oracle; `None` for damage without a code of its own.
     pub oracle_velocity_kept: Option<f64>,
     /// Forward reward of the controller.
     pub adapted: f64,
-    /// Forward reward of the policy with the code of the damage in force; `None` for damage that it does not
-    /// know.
+    /// Forward reward of the policy with the code of the active damage; `None` for damage without a code.
     pub oracle: Option<f64>,
     /// Forward reward of the policy with the code of a healthy robot.
     pub unadapted: f64,
@@ -59,12 +57,12 @@ pub struct ClassOutcome {
     pub unaware: Option<f64>,
 }
 
-/// A damage class whose code the policy had.
+/// An assumed class.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct GivenClass {
+pub struct AssumedClass {
     /// Its name.
     pub name: String,
-    /// Episodes at whose end it had it.
+    /// Episodes at whose end it was assumed.
     pub episodes: usize,
 }
 
@@ -102,8 +100,8 @@ impl ClassOutcome {
             detected: count(&|outcome| outcome.delay.is_some()),
             median_delay: median(steps(|outcome| outcome.delay)),
             right_at_first: count(&|outcome| known.is_some() && outcome.first_diagnosis == known),
-            right_at_last: count(&|outcome| Some(outcome.given) == known),
-            given: given(&outcomes, classes),
+            right_at_last: count(&|outcome| Some(outcome.assumed) == known),
+            assumed: assumed(&outcomes, classes),
             examinations: examinations as f64 / struck.len() as f64,
             recovered: count(&|outcome| outcome.recovery.is_some()),
             median_recovery: median(steps(|outcome| outcome.recovery)),
@@ -128,17 +126,17 @@ pub(super) fn struck(trial: &Trial, row: usize, walks: &Walks) -> Vec<usize> {
     of_class.filter(|&episode| is_struck(&walks.episodes[episode])).collect()
 }
 
-/// The classes whose codes the policy had at the end of several episodes, the most frequent first.
-fn given(outcomes: &[EpisodeOutcome], classes: &KnownClasses) -> Vec<GivenClass> {
+/// The assumed classes at the end of several episodes, the most frequent first.
+fn assumed(outcomes: &[EpisodeOutcome], classes: &KnownClasses) -> Vec<AssumedClass> {
     let mut episodes = vec![0; classes.known_names.len()];
-    outcomes.iter().for_each(|outcome| episodes[outcome.given] += 1);
+    outcomes.iter().for_each(|outcome| episodes[outcome.assumed] += 1);
     let named = classes.known_names.iter().zip(episodes);
-    let mut given: Vec<GivenClass> = named
+    let mut assumed: Vec<AssumedClass> = named
         .filter(|(_, episodes)| *episodes > 0)
-        .map(|(name, episodes)| GivenClass { name: name.clone(), episodes })
+        .map(|(name, episodes)| AssumedClass { name: name.clone(), episodes })
         .collect();
-    given.sort_by_key(|given| std::cmp::Reverse(given.episodes));
-    given
+    assumed.sort_by_key(|assumed| std::cmp::Reverse(assumed.episodes));
+    assumed
 }
 
 /// Mean over some episodes; NaN for none.

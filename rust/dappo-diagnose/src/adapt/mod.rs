@@ -1,5 +1,5 @@
-//! Damage in mid-walk: what a controller makes of it, beside policies that know it at once and ones that do
-//! not.
+//! Episodes with mid-episode damage: a controller compared with the same policy with fixed damage codes and
+//! with PPO-Unaware.
 
 mod class;
 mod outcome;
@@ -17,7 +17,7 @@ use dappo_nn::Policy;
 
 use crate::controller::Controller;
 
-pub use class::{ClassOutcome, GivenClass};
+pub use class::{AssumedClass, ClassOutcome};
 pub use summary::{AdaptationSummary, DecisionTime};
 pub use trace::trace;
 
@@ -25,7 +25,7 @@ pub use trace::trace;
 pub struct Contest {
     /// The controller's.
     pub adapted: Walks,
-    /// Those of the policy with the code of the damage in force, where it knows this damage.
+    /// Those of the policy with the code of the active damage, where there is one.
     pub oracle: Walks,
     /// Those of the policy with the code of a healthy robot.
     pub unadapted: Walks,
@@ -34,7 +34,7 @@ pub struct Contest {
 }
 
 impl Contest {
-    /// Lets all agents walk the episodes of a trial; `None` once `stop` says so.
+    /// Runs the episodes of a trial with all agents; `None` once `stop` returns true.
     ///
     /// `unaware` is a policy that observes no damage code.
     pub fn run(

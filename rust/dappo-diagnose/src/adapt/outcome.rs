@@ -1,4 +1,4 @@
-//! What one episode of a controller says.
+//! The result of one episode of a controller.
 
 use dappo_learn::statistics::mean;
 use dappo_learn::walk::{Episode, Event, EventKind};
@@ -15,14 +15,14 @@ const WINDOW: usize = 50;
 /// The result of one episode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeOutcome {
-    /// Whether damage was suspected before there was any (in all of the episode, if the robot stays healthy).
+    /// Whether damage was suspected before there was any (in the whole episode, if the robot stays healthy).
     pub false_alarm: bool,
     /// Steps from the damage to the first suspicion.
     pub delay: Option<usize>,
-    /// The class, as the controller counts them, of the first diagnosis after the damage, believed or not.
+    /// The class, as the controller counts them, of the first diagnosis after the onset, accepted or not.
     pub first_diagnosis: Option<usize>,
-    /// The class whose code the policy had in the end, as the controller counts them.
-    pub given: usize,
+    /// The assumed class at the end, as the controller counts them.
+    pub assumed: usize,
     /// Examinations in the episode.
     pub examinations: usize,
     /// Whether the robot did not fall, but kept less than [`STANDS_STILL`] of its speed before the damage.
@@ -37,7 +37,7 @@ pub struct EpisodeOutcome {
 /// The speeds that a robot is compared with, m/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reference {
-    /// What the oracle with this damage [keeps](kept_speed), if it knows it; the mean over its episodes.
+    /// The speed that the oracle [keeps](kept_speed), if the damage has a code; the mean over its episodes.
     pub oracle: Option<f64>,
     /// The robot's own before the damage; the mean over the episodes.
     pub before: f64,
@@ -73,7 +73,7 @@ impl EpisodeOutcome {
             EventKind::Adapted { class } => Some((event.step as usize, class)),
             _ => None,
         });
-        let (changed, given) = last_change.unwrap_or((0, 0));
+        let (changed, assumed) = last_change.unwrap_or((0, 0));
         let kept = kept_speed(episode);
         let stands_still = !episode.fell && kept <= STANDS_STILL * reference.before.max(0.0);
         let enough = reference.oracle.map(|oracle| RECOVERED * oracle);
@@ -87,7 +87,7 @@ impl EpisodeOutcome {
             false_alarm: episode.events.iter().filter(is_suspicion).any(|event| !after(event)),
             delay,
             first_diagnosis,
-            given,
+            assumed,
             examinations: episode.events.iter().filter(is_suspicion).count(),
             stands_still,
             recovery,
@@ -128,13 +128,13 @@ mod tests {
         let adapting = walk(3, events);
         let outcome = EpisodeOutcome::new(&adapting, oracle(1.0));
         assert_eq!((outcome.false_alarm, outcome.delay, outcome.first_diagnosis), (false, Some(20), Some(3)));
-        assert_eq!((outcome.given, outcome.examinations), (3, 1));
+        assert_eq!((outcome.assumed, outcome.examinations), (3, 1));
         // The first window after step 170 with a mean of 0.8: 0.2 in 7 steps, 0.9 in 43 (0.802), up to step 243.
         assert_eq!((outcome.recovery, outcome.stands_still), (Some(143), false));
         assert!((kept_speed(&adapting) - 0.9).abs() < 1e-12);
-        // Above the oracle's speed of 2 m/s · 0.8 it never gets.
+        // It never exceeds 0.8 of the oracle's speed of 2 m/s.
         assert_eq!(EpisodeOutcome::new(&adapting, oracle(2.0)).recovery, None);
-        // Nor is there anything to compare with where the policy does not know the damage.
+        // Without a code for the damage, there is no oracle to compare with.
         let unknown = Reference { oracle: None, before: 1.0 };
         assert_eq!(EpisodeOutcome::new(&adapting, unknown).recovery, None);
     }
@@ -149,7 +149,7 @@ mod tests {
         // As fast, but nothing was diagnosed, or only before the damage.
         assert_eq!(recovery(&walk(3, Vec::new())), None);
         assert_eq!(recovery(&walk(3, vec![event(60, EventKind::Adapted { class: 3 })])), None);
-        // One good window, and then it stands: of the last 200 steps, 50 at 0.9 m/s and 150 at 0.
+        // One good window, and then it stands still: of the last 200 steps, 50 at 0.9 m/s and 150 at 0.
         let velocities = [vec![1.0; 100], vec![0.2; 100], vec![0.9; 50], vec![0.0; 150]].concat();
         let stopped = Episode { velocities, ..walk(3, adapted()) };
         assert!((kept_speed(&stopped) - 0.225).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! The tables of a trial: one row a damage class, and the essence of all.
+//! The tables of a trial: one row a damage class, and a summary.
 
 use dappo_learn::csv_table::table;
 use dappo_learn::error::Result;
@@ -24,21 +24,21 @@ pub struct AdaptationSummary {
     pub severe_detected: Option<f64>,
     /// Median number of steps that this took.
     pub severe_median_delay: Option<f64>,
-    /// Share of the damaged episodes whose first diagnosis was right; undetected ones count as wrong.
+    /// Share of the damaged episodes whose first diagnosis was correct; undetected ones count as wrong.
     pub right_at_first: Option<f64>,
-    /// Share of them in which the policy had the code of the right class in the end.
+    /// Share of them whose assumed class was correct at the end.
     pub right_at_last: Option<f64>,
-    /// Share of them in which the robot recovered, of those that the policy knows.
+    /// Share of them in which the robot recovered, of those with a damage code.
     pub recovered: Option<f64>,
     /// Share of the damaged episodes at whose end the robot stood still.
     pub stood_still: Option<f64>,
     /// Share of them that ended in failure.
     pub fell: Option<f64>,
-    /// Speed over the last 200 steps with the damages that the policy knows, as a share of the oracle's.
+    /// Speed over the last 200 steps with the damages that have a code, as a share of the oracle's.
     pub kept_of_oracle: Option<f64>,
     /// The same as a share of the speed before the damage.
     pub kept_of_healthy: Option<f64>,
-    /// Mean forward reward over the damages that the policy knows, as a share of the oracle's.
+    /// Mean forward reward over the damages that have a code, as a share of the oracle's.
     pub adapted_share: Option<f64>,
     /// The same of the policy with the code of a healthy robot.
     pub unadapted_share: Option<f64>,
@@ -78,10 +78,10 @@ impl DecisionTime {
 }
 
 impl AdaptationSummary {
-    /// Puts the walks of a trial together.
+    /// Combines the episodes of a trial.
     ///
     /// # Errors
-    /// If an agent did not walk all episodes.
+    /// If the episodes of an agent are incomplete.
     pub fn new(trial: &Trial, known: &KnownClasses, contest: &Contest) -> Result<Self> {
         let all = trial.classes.len() * trial.episodes;
         for walks in
@@ -163,7 +163,7 @@ impl AdaptationSummary {
             "median_delay",
             "right_at_first",
             "right_at_last",
-            "told",
+            "assumed",
             "examinations",
             "recovered",
             "median_recovery",
@@ -181,7 +181,7 @@ impl AdaptationSummary {
             value.map_or_else(String::new, |value| format!("{value:.decimals$}"))
         };
         let row = |c: &ClassOutcome| {
-            let given = c.given.iter().map(|given| format!("{} {}", given.name, given.episodes));
+            let assumed = c.assumed.iter().map(|assumed| format!("{} {}", assumed.name, assumed.episodes));
             vec![
                 c.class.to_string(),
                 c.name.clone(),
@@ -192,7 +192,7 @@ impl AdaptationSummary {
                 optional(c.median_delay, 1),
                 c.right_at_first.to_string(),
                 c.right_at_last.to_string(),
-                given.collect::<Vec<_>>().join("; "),
+                assumed.collect::<Vec<_>>().join("; "),
                 format!("{:.2}", c.examinations),
                 c.recovered.to_string(),
                 optional(c.median_recovery, 1),
@@ -219,7 +219,7 @@ mod tests {
     use dappo_learn::walk::{Episode, Kept, Walks};
     use dappo_learn::walk::{Event, EventKind};
 
-    /// A policy that knows all of these classes.
+    /// A policy with codes for all of these classes.
     fn all_known(names: &[&str]) -> KnownClasses {
         let names: Vec<String> = names.iter().map(ToString::to_string).collect();
         KnownClasses {
@@ -342,7 +342,7 @@ mod tests {
             unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
             unaware: None,
         };
-        // The robot's class 1 is none of those that the policy knows.
+        // The robot's class 1 has no code.
         let known = KnownClasses {
             names: ["healthy", "weak"].map(ToOwned::to_owned).to_vec(),
             known: vec![Some(0), None],
@@ -354,8 +354,8 @@ mod tests {
         let class = &summary.classes[0];
         assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));
         assert_eq!((class.oracle, class.median_recovery, summary.adapted_share), (None, None, None));
-        let given = [("missing", 2), ("jammed", 1)];
-        assert!(class.given.iter().map(|given| (given.name.as_str(), given.episodes)).eq(given));
+        let assumed = [("missing", 2), ("jammed", 1)];
+        assert!(class.assumed.iter().map(|assumed| (assumed.name.as_str(), assumed.episodes)).eq(assumed));
         assert!(summary.csv().contains(",missing 2; jammed 1,"));
     }
 

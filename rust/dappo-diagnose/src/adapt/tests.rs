@@ -105,7 +105,7 @@ fn policy(bias: f32, code_length: usize) -> Policy {
     Policy::new(net, InputTransform::standardized(standardizer, code_length, 1.0).unwrap()).unwrap()
 }
 
-/// Suspects damage whenever it may, examines it for two steps, and believes no diagnosis.
+/// Suspects damage whenever it may, examines it for two steps, and accepts no diagnosis.
 fn controller(factory: &Factory, robots: usize) -> Controller {
     let classes = factory.space.classes().len();
     let description = Description {
@@ -181,7 +181,7 @@ fn every_agent_of_a_contest_acts_by_its_own_damage_code() {
     }
 }
 
-/// The step of an event, and whether it is a suspicion; other events are diagnoses that nobody believes.
+/// The step of an event, and whether it is a suspicion; other events are diagnoses that were not accepted.
 fn suspected(event: &Event) -> (u64, bool) {
     let is_suspicion = matches!(event.kind, EventKind::Suspected { .. });
     assert!(is_suspicion || matches!(event.kind, EventKind::Diagnosed { accepted: false, .. }), "{event:?}");
@@ -211,12 +211,12 @@ fn without_a_policy_that_is_unaware_of_damage_three_agents_walk_and_a_stop_ends_
     let factory = Factory::new();
     assert!(run(&factory, None, &|| false).unwrap().unaware.is_none());
     assert_eq!(factory.made.borrow().len(), 3);
-    // It is asked before every step: six times an agent.
-    for (asked_at_most, agents) in [(0, 1), (6, 2), (17, 3), (18, 4)] {
-        let (factory, asked, unaware) = (Factory::new(), Cell::new(0), policy(50.0, 0));
+    // It is called before every step: six times an agent.
+    for (calls_at_most, agents) in [(0, 1), (6, 2), (17, 3), (18, 4)] {
+        let (factory, calls, unaware) = (Factory::new(), Cell::new(0), policy(50.0, 0));
         let stop = || {
-            asked.set(asked.get() + 1);
-            asked.get() > asked_at_most
+            calls.set(calls.get() + 1);
+            calls.get() > calls_at_most
         };
         assert!(run(&factory, Some(&unaware), &stop).is_none());
         assert_eq!(factory.made.borrow().len(), agents);

@@ -1,4 +1,4 @@
-//! Trials as text for people.
+//! Trials as text.
 
 use dappo_learn::text_table::table;
 use dappo_learn::walk::{Event, EventKind, KnownClasses, Trial};
@@ -26,7 +26,7 @@ impl AdaptationSummary {
         found + &self.decision_ms.text()
     }
 
-    /// What the controller found out about every class.
+    /// The diagnoses of every class.
     fn diagnoses(&self) -> String {
         let headers = [
             "<damage",
@@ -181,14 +181,14 @@ impl ClassOutcome {
         .concat()
     }
 
-    /// What the controller found out.
+    /// The diagnoses of the controller.
     fn diagnosis(&self) -> String {
         let of = |count: usize| format!("{count} of {}", self.episodes);
         if self.class == 0 {
             return format!("  false alarms: {}\n", of(self.false_alarms));
         }
-        let given: Vec<String> =
-            self.given.iter().map(|given| format!("{} ({})", given.name, given.episodes)).collect();
+        let assumed: Vec<String> =
+            self.assumed.iter().map(|assumed| format!("{} ({})", assumed.name, assumed.episodes)).collect();
         [
             format!(
                 "  damage detected: {}, after {} steps (median); false alarms before: {}\n",
@@ -201,7 +201,7 @@ impl ClassOutcome {
                 of(self.right_at_first),
                 of(self.right_at_last)
             ),
-            format!("  damage codes at the end, with episodes: {}\n", given.join(", ")),
+            format!("  damage codes at the end, with episodes: {}\n", assumed.join(", ")),
         ]
         .concat()
     }
@@ -221,7 +221,7 @@ impl DecisionTime {
     }
 }
 
-/// The events of the first episode; `names` are those of the classes that the controller knows.
+/// The events of the first episode; `names` are those of the controller's damage classes.
 fn events_text(events: &[Event], trial: &Trial, names: &[String]) -> String {
     let header = format!("episode 1 of {}, damage at step {}\n", trial.episodes, trial.onset.first);
     if events.is_empty() {

@@ -3,12 +3,12 @@
 use dappo_learn::csv_table::table;
 use dappo_learn::walk::{Episode, EventKind, KnownClasses};
 
-/// An episode with its velocities as CSV: forward velocity, the damage in force, the damage whose code the
+/// An episode with its velocities as CSV: forward velocity, the active damage, the damage whose code the
 /// policy has, and what happened.
 #[must_use]
 pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
     let name = |class: usize| &classes.known_names[class];
-    let (mut given, mut events) = (0, episode.events.iter().peekable());
+    let (mut assumed, mut events) = (0, episode.events.iter().peekable());
     let rows = episode.velocities.iter().enumerate().map(|(step, velocity)| {
         let mut happened = Vec::new();
         while let Some(event) = events.next_if(|event| event.step as usize <= step) {
@@ -18,7 +18,7 @@ pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
                     format!("diagnosed {} ({confidence:.2})", name(*class))
                 }
                 EventKind::Adapted { class } => {
-                    given = *class;
+                    assumed = *class;
                     "adapted".to_owned()
                 }
                 EventKind::Withdrawn { class, .. } => format!("withdrawn {}", name(*class)),
@@ -31,11 +31,11 @@ pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
             step.to_string(),
             format!("{velocity:.5}"),
             damage.clone(),
-            name(given).clone(),
+            name(assumed).clone(),
             happened.join("; "),
         ]
     });
-    table(&["step", "forward_velocity", "damage", "told", "event"], rows)
+    table(&["step", "forward_velocity", "damage", "assumed", "event"], rows)
 }
 
 #[cfg(test)]
@@ -66,7 +66,7 @@ mod tests {
         assert_eq!(
             trace(&episode, &classes).lines().collect::<Vec<_>>(),
             [
-                "step,forward_velocity,damage,told,event",
+                "step,forward_velocity,damage,assumed,event",
                 "0,1.00000,healthy,healthy,",
                 "1,0.50000,leg off,broken,diagnosed broken (0.88); adapted",
                 "2,0.25000,leg off,broken,",

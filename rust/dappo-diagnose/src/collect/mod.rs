@@ -29,7 +29,7 @@ pub struct CollectConfig {
     pub timesteps: usize,
     /// Seed of the rollouts.
     pub seed: u64,
-    /// When the damage strikes, and how the twin is led.
+    /// Onset of the damage, and mode of the twin.
     pub protocol: Protocol,
     /// The piece to collect.
     pub shard: Shard,
@@ -37,7 +37,7 @@ pub struct CollectConfig {
     pub severity: f64,
 }
 
-/// Whoever watches a collection.
+/// Observer of a collection.
 pub trait CollectObserver {
     /// Called once before the first block, with the room that the missing rollouts will take on the disk; an error
     /// ends the collection.
@@ -87,8 +87,8 @@ fn header(
     }
 }
 
-/// Fails if a collection puts twins beside robots in mid-gait, and these robots can have none. [`collect`] asks the same;
-/// who writes something before it asks first.
+/// Fails if a collection needs twins that start mid-episode, and the observation does not determine the
+/// state. [`collect`] checks the same; a caller that writes files before it checks first.
 pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
     let is_synchronised = !config.protocol.timing.starts_at_reset() || config.protocol.twin.resync > 0;
     if config.protocol.needs_twins() && is_synchronised {
@@ -132,7 +132,7 @@ pub fn collect(
     let missing = keys.len().saturating_sub(part.count());
     observer.begin(missing, (missing as u64).saturating_mul(header.record_bytes()))?;
     let mut ready = Vec::new();
-    // An earlier command may have collected more than this one asks for.
+    // An earlier command may have collected more than this one requests.
     for next in keys.get(part.count()..).unwrap_or_default().chunks(block) {
         // The disk takes one block while the next is simulated.
         let (simulated, appended) = rayon::join(|| pairs.simulate(next), || part.append(&ready));

@@ -120,7 +120,7 @@ impl<'a> Pairs<'a> {
         Ok(())
     }
 
-    /// Puts every twin beside its robot: into the same start at a reset, into what the robot observes later.
+    /// Synchronises every twin with its robot: with the same start at a reset, with the observed state later.
     fn begin_twins(&mut self, keys: &[u64]) -> Result<()> {
         if !self.protocol.timing.starts_at_reset() {
             return self.synchronise_twins();
@@ -131,10 +131,10 @@ impl<'a> Pairs<'a> {
         twins.reset(&(0..keys.len() * classes).map(reset).collect::<Vec<_>>())
     }
 
-    /// Puts every twin into the state that its robot observes.
+    /// Sets every twin to the state that its robot observes.
     fn synchronise_twins(&mut self) -> Result<()> {
         let Some(twins) = &mut self.twins else { return Ok(()) };
-        twins.put_beside(&self.robots.obs, &vec![false; self.robots.fallen.len()])
+        twins.resync(&self.robots.obs, &vec![false; self.robots.fallen.len()])
     }
 
     /// The steps that are recorded.

@@ -17,14 +17,14 @@ const MOST_WAIT: u64 = 1 << 31;
 #[derive(EnumString, IntoStaticStr, VariantNames)]
 #[strum(serialize_all = "lowercase")]
 pub enum Trigger {
-    /// The robot moves differently from a twin with the class that the policy is told. Needs a faithful simulation,
-    /// and then notices damage that slows nothing down, wrong diagnoses, and damage that has been repaired.
+    /// The robot moves differently from a twin with the assumed class. Needs an accurate simulation, and then
+    /// also detects damage without loss of speed, wrong diagnoses, and repairs.
     Residual,
-    /// The robot walks too slowly for the class that the policy is told.
+    /// The robot walks too slowly for the assumed class.
     Speed,
 }
 
-/// When a controller suspects damage and what it believes. Times are in control steps.
+/// When a controller suspects damage and which diagnoses it accepts. Times are in control steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ControllerConfig {
@@ -39,14 +39,14 @@ pub struct ControllerConfig {
     /// Residual above which a robot differs from its twin: root mean square over the entries of an observation, in
     /// standard deviations of the training.
     pub residual_threshold: f64,
-    /// Steps after a start or a diagnosis in which nothing is suspected. Each examination that does not bring peace
-    /// doubles the time to the next one.
+    /// Steps after a start or a diagnosis in which nothing is suspected. Each examination that does not
+    /// remove the suspicion doubles the time to the next one.
     pub cooldown: usize,
-    /// Probability that a diagnosis needs to be believed.
+    /// Least probability of a diagnosis that is accepted.
     pub confidence: f64,
-    /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the named damage is no closer to
-    /// the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a diagnoser whose twins are
-    /// put beside the robot before every step.
+    /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the diagnosed damage is
+    /// no closer to the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a
+    /// diagnoser whose twins are re-synchronised before every step.
     pub probation: usize,
 }
 

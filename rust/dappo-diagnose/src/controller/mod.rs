@@ -1,13 +1,13 @@
-//! The run-time loop: one trial, no reset. A robot walks under the damage-aware policy; when it does not do what
-//! was expected of it, the expert walks for the length of a window, the diagnoser compares robot and twin, and the
-//! policy goes on with the code of the damage that was named.
+//! The run-time loop: one trial, no reset. A robot walks under the damage-aware policy; when it does not move
+//! as expected, the expert acts for the length of a window, the diagnoser compares robot and twin, and the
+//! policy resumes with the code of the diagnosed damage.
 //!
 //! ```text
-//! walking ── suspicion ──▶ examination (T steps under the expert) ── diagnosis ──▶ walking, told the new class
+//! walking ── suspicion ──▶ examination (T steps, expert) ── diagnosis ──▶ walking, new assumed class
 //! ```
 //!
-//! A [`Controller`] knows observations and velocities alone, as the program of a real robot would; it never sees a
-//! damage class that it has not named itself.
+//! The inputs of a [`Controller`] are observations and velocities alone, as on a real robot; the true damage
+//! class is never one of them.
 
 mod config;
 mod parts;
@@ -32,7 +32,7 @@ use robot::Robot;
 pub use skills::Skills;
 use suspicion::Evidence;
 
-/// Controls N robots, each by itself. O = length of an observation without damage code, A = of an action.
+/// Controls N robots independently. O = length of an observation without damage code, A = of an action.
 pub struct Controller {
     skills: Skills,
     config: ControllerConfig,
@@ -81,7 +81,7 @@ impl Controller {
         self.robots.len()
     }
 
-    /// The damage class that the policy is told of each robot, `[N]`.
+    /// The assumed class of each robot, `[N]`.
     #[must_use]
     pub fn classes(&self) -> Vec<usize> {
         self.robots.iter().map(|robot| robot.class).collect()
@@ -99,14 +99,14 @@ impl Controller {
         &self.skills.diagnoser.description().subject.class_names
     }
 
-    /// What has happened since the controller was made or its events were taken, in order.
+    /// The events since the controller was made or its events were taken, in order.
     #[must_use]
     pub fn events(&self) -> &[Event] {
         &self.events
     }
 
-    /// Begins anew with the robots marked in `mask`, all for `None`: they are taken for healthy, and nothing is known of
-    /// them, so that a reading that is lost before its first finite value counts as 0.
+    /// Resets the robots marked in `mask`, all for `None`: they are assumed healthy, and earlier readings are
+    /// discarded, so that a reading that is lost before its first finite value counts as 0.
     ///
     /// # Shapes
     /// mask `[N]`
@@ -160,7 +160,7 @@ impl Controller {
         }
     }
 
-    /// Compares a robot with its twin: goes on with an examination, or asks whether one is needed.
+    /// Compares a robot with its twin: continues an examination, or checks whether one is needed.
     fn judge(&mut self, index: usize, velocity: f64) -> Result<()> {
         let (width, action_dim) = (self.obs_dim(), self.action_dim());
         let robot = &mut self.robots[index];
@@ -196,7 +196,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Ends an examination: names the damage, and believes it if the diagnoser is confident enough.
+    /// Ends an examination: diagnoses the damage, and accepts the diagnosis if its probability is high
+    /// enough.
     fn diagnose(&mut self, index: usize) -> Result<()> {
         let Some(window) = self.robots[index].examination.take() else { return Ok(()) };
         let (class, confidence) = self.skills.diagnoser.diagnose(&window)?;
@@ -215,17 +216,19 @@ impl Controller {
         Ok(())
     }
 
-    /// Residuals of the healthy twin in an examination; none unless it stood beside the robot before every step, as the
-    /// twin of a walking robot does.
+    /// Residuals of the healthy twin in an examination; none unless it was re-synchronised before every step,
+    /// as the twin of a walking robot is.
     fn residuals(&self, window: &Window) -> Vec<f64> {
-        let led = self.skills.diagnoser.description().twin;
+        let mode = self.skills.diagnoser.description().twin;
         let width = self.obs_dim();
         let rows = window.twin.chunks_exact(width).zip(window.damaged.chunks_exact(width));
-        let is_beside = (1..rows.len()).all(|row| led.resyncs_before(row));
-        rows.filter(|_| is_beside).map(|(twin, observed)| distance(twin, observed, &self.scale)).collect()
+        let is_synchronised = (1..rows.len()).all(|row| mode.resyncs_before(row));
+        rows.filter(|_| is_synchronised)
+            .map(|(twin, observed)| distance(twin, observed, &self.scale))
+            .collect()
     }
 
-    /// Takes a diagnosis back that explains the robot no better than no damage does.
+    /// Withdraws a diagnosis that explains the robot no better than no damage does.
     fn withdraw(&mut self, index: usize, Rebuttal { residual, healthy }: Rebuttal) {
         let class = std::mem::take(&mut self.robots[index].class);
         self.event(index, EventKind::Withdrawn { class, residual, healthy });
@@ -238,10 +241,11 @@ impl Controller {
         let (examined, walking): (Vec<usize>, Vec<usize>) =
             (0..self.robots.len()).partition(|&index| self.robots[index].examination.is_some());
         let row = |index: usize| &self.obs[index * self.obs_dim()..][..self.obs_dim()];
-        let told = |index: usize| row(index).iter().chain(&self.codes[self.robots[index].class]).copied();
+        let policy_row =
+            |index: usize| row(index).iter().chain(&self.codes[self.robots[index].class]).copied();
         let mut chosen = Vec::with_capacity(self.actions.len());
         if !walking.is_empty() {
-            let rows: Vec<f32> = walking.iter().flat_map(|&index| told(index)).collect();
+            let rows: Vec<f32> = walking.iter().flat_map(|&index| policy_row(index)).collect();
             chosen.extend(self.skills.policy.mean_actions(&rows)?);
         }
         if !examined.is_empty() {
@@ -254,12 +258,13 @@ impl Controller {
         Ok(())
     }
 
-    /// Lets the twins of this step predict the next observations.
+    /// Predicts the next observations with the twins of this step.
     ///
-    /// The twin of an examined robot is healthy and led as the diagnoser knows it. That of a walking robot has the
-    /// damage that the policy is told; it stands beside the robot before every step and takes its action.
-    fn lead_twins(&mut self) -> Result<()> {
-        let led = self.skills.diagnoser.description().twin;
+    /// The twin of an examined robot is healthy and runs as in the training of the diagnoser. That of a
+    /// walking robot has the damage of the assumed class, is re-synchronised before every step and takes the
+    /// action of the robot.
+    fn step_twins(&mut self) -> Result<()> {
+        let mode = self.skills.diagnoser.description().twin;
         let (width, watches) = (self.obs_dim(), self.config.trigger == Trigger::Residual);
         let mut classes = Vec::new();
         let mut skip_sync = vec![true; self.robots.len()];
@@ -273,7 +278,7 @@ impl Controller {
             skip_sync[index] = match &robot.examination {
                 Some(window) => {
                     let row = window.damaged.len() / width;
-                    row > 0 && !led.resyncs_before(row)
+                    row > 0 && !mode.resyncs_before(row)
                 }
                 None => !watches,
             };
@@ -285,10 +290,10 @@ impl Controller {
             return Ok(());
         }
         if skip_sync.contains(&false) {
-            self.twins.put_beside(&self.obs, &skip_sync)?;
+            self.twins.resync(&self.obs, &skip_sync)?;
         }
         let mut actions = self.actions.clone();
-        if led.action == TwinAction::Own {
+        if mode.action == TwinAction::Own {
             let own = self.skills.expert.healthy_actions(&self.twins.obs)?;
             let action_dim = self.action_dim();
             let rows = actions.chunks_exact_mut(action_dim).zip(own.chunks_exact(action_dim));
@@ -305,7 +310,7 @@ impl Controller {
 impl Onboard for Controller {
     /// The next actions. To be called once a control step, with what the robots observe and how fast they walk.
     ///
-    /// Readings that are not finite are replaced by the last finite ones, so that a row of NaN stands for a step
+    /// Readings that are not finite are replaced by the last finite ones, so that a row of NaN marks a step
     /// whose readings were lost. The actions are always finite.
     ///
     /// # Shapes
@@ -319,7 +324,7 @@ impl Onboard for Controller {
             self.judge(index, velocity)?;
         }
         self.choose_actions()?;
-        self.lead_twins()?;
+        self.step_twins()?;
         for robot in &mut self.robots {
             robot.step += 1;
         }

@@ -1,4 +1,4 @@
-//! What a controller is made of, as it lies on disk: runs and the training of a diagnoser.
+//! The parts of a controller on disk: runs and the training of a diagnoser.
 
 use std::path::PathBuf;
 

@@ -1,12 +1,12 @@
-//! Whether a diagnosis that is believed explains the robot.
+//! Whether an accepted diagnosis explains the robot.
 
 use dappo_learn::statistics::upper_median;
 
 use super::ControllerConfig;
 
-/// The first steps under a new diagnosis: the twin has the named damage now, and must be closer to the robot than the
-/// healthy twin of the examination was. Otherwise the robot is broken in a way that has no class, and telling the
-/// policy a wrong one can cost more than telling it nothing.
+/// The first steps under a new diagnosis: the twin has the diagnosed damage now, and must be closer to the
+/// robot than the healthy twin of the examination was. Otherwise the robot is broken in a way that has no
+/// class, and a wrong code can cost more than the healthy one.
 #[derive(Debug)]
 pub(super) struct Probation {
     /// Median residual of the healthy twin in the examination.
@@ -17,7 +17,7 @@ pub(super) struct Probation {
 /// Why a diagnosis is withdrawn: median residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Rebuttal {
-    /// Of the twin with the named damage.
+    /// Of the twin with the diagnosed damage.
     pub residual: f64,
     /// Of the healthy twin.
     pub healthy: f64,

@@ -1,15 +1,15 @@
-//! Where one robot stands in the run-time loop.
+//! The state of one robot in the run-time loop.
 
 use super::ControllerConfig;
 use super::probation::Probation;
 use super::suspicion::Suspicion;
 use crate::Window;
 
-/// What a controller remembers of one robot.
+/// What a controller stores of one robot.
 pub(super) struct Robot {
     /// Control steps since its start.
     pub step: u64,
-    /// Damage class that the policy is told.
+    /// The assumed class.
     pub class: usize,
     /// Damage class of its twin.
     pub twin_class: usize,
@@ -17,16 +17,16 @@ pub(super) struct Robot {
     pub has_prediction: bool,
     /// Whether some of its last readings were not finite.
     pub is_blind: bool,
-    /// What speaks for damage while it walks.
+    /// Evidence of damage while it walks.
     pub suspicion: Suspicion,
     /// The steps examined so far.
     pub examination: Option<Window>,
-    /// What speaks for the last diagnosis, until that is settled.
+    /// Evidence for the last diagnosis, until the probation ends.
     pub probation: Option<Probation>,
 }
 
 impl Robot {
-    /// A robot that is taken for healthy.
+    /// A robot that is assumed healthy.
     pub fn new(config: &ControllerConfig) -> Self {
         Self {
             step: 0,

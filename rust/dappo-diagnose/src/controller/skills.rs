@@ -7,15 +7,15 @@ use dappo_sim::terms::Task;
 
 use crate::Diagnoser;
 
-/// What a controller has learned.
+/// The learned parts of a controller.
 pub struct Skills {
     /// The damage-aware policy.
     pub policy: Policy,
-    /// The policy that walks while the diagnoser watches, as it did in the diagnoser's training.
+    /// The policy that acts during an examination, as in the diagnoser's training.
     pub expert: Policy,
     /// The diagnoser.
     pub diagnoser: Diagnoser,
-    /// Forward velocity of the policy when it is told the truth, m/s, one a damage class.
+    /// Forward velocity of the policy with the true code, m/s, one a damage class.
     pub baselines: Vec<f64>,
 }
 
@@ -27,7 +27,7 @@ impl Skills {
         Ok(entries.map(|(scale, is_state)| if is_state { *scale } else { 0.0 }).collect())
     }
 
-    /// Fails unless all parts know the same robot and the same damage classes.
+    /// Fails unless all parts have the same robot and the same damage classes.
     pub fn check(&self, twins: &dyn Backend) -> Result<()> {
         let Self { policy, expert, diagnoser, baselines } = self;
         let description = diagnoser.description();

@@ -1,4 +1,4 @@
-//! When a walking robot is to be examined.
+//! When a walking robot must be examined.
 
 use std::collections::VecDeque;
 
@@ -18,14 +18,14 @@ pub(super) struct Evidence {
     pub residual: Option<f64>,
 }
 
-/// What has been seen of a walking robot since its start or its last examination.
+/// Measurements of a walking robot since its start or its last examination.
 #[derive(Debug)]
 pub(super) struct Suspicion {
     velocities: VecDeque<f64>,
     residuals: VecDeque<f64>,
     /// Steps left in which nothing is suspected.
     rest: usize,
-    /// Examinations in a row after none of which the robot did what was expected.
+    /// Consecutive examinations after none of which the robot moved as expected.
     futile: u32,
 }
 
@@ -34,7 +34,8 @@ impl Suspicion {
         Self { velocities: VecDeque::new(), residuals: VecDeque::new(), rest: config.cooldown, futile: 0 }
     }
 
-    /// Takes in a step, and says whether the robot must be examined. What was not measured is not finite or `None`.
+    /// Adds a step, and returns whether the robot must be examined. What was not measured is not finite or
+    /// `None`.
     pub fn weigh(
         &mut self,
         config: &ControllerConfig,
@@ -76,7 +77,7 @@ impl Suspicion {
         }
     }
 
-    /// Begins anew after an examination.
+    /// Restarts after an examination.
     pub fn rest(&mut self, config: &ControllerConfig) {
         self.velocities.clear();
         self.residuals.clear();
@@ -124,7 +125,7 @@ mod tests {
         // Means of four: 2, 1.5, 1 (not below 1), 0.5.
         let slowing: Vec<(f64, f64)> = [2.0, 2.0, 2.0, 2.0, 0.0, 0.0, 0.0].map(|v| (v, 0.0)).to_vec();
         assert_eq!(first(&config, &slowing), Some(6));
-        // A window that is not full says nothing, however long the cool-down is over.
+        // A window that is not full raises no suspicion, however long ago the cool-down ended.
         assert_eq!(first(&config, &[(0.0, 0.0), (f64::NAN, 0.0), (0.0, 0.0), (0.0, 0.0)]), None);
         assert_eq!(first(&config, &[(0.0, 9.0); 9]), Some(3));
     }
@@ -135,7 +136,7 @@ mod tests {
         let steps = |residuals: [f64; 8]| residuals.map(|residual| (2.0, residual)).to_vec();
         assert_eq!(first(&config, &steps([0.0, 0.0, 0.0, 9.0, 0.0, 9.0, 0.0, 0.0])), None);
         assert_eq!(first(&config, &steps([0.0, 0.0, 0.0, 0.0, 0.0, 9.0, 9.0, 9.0])), Some(7));
-        // Steps without a residual are neither for nor against.
+        // Steps without a residual are no evidence.
         assert_eq!(first(&config, &steps([9.0, 9.0, 9.0, 9.0, f64::NAN, f64::NAN, 9.0, 0.0])), Some(6));
     }
 

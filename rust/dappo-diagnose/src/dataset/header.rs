@@ -56,7 +56,7 @@ pub struct DatasetHeader {
     pub action_dim: usize,
     /// When the damage strikes, and when the window begins.
     pub timing: Timing,
-    /// How the twin is led.
+    /// Mode of the twin.
     pub twin: Twin,
     /// The policy of both robots in the window.
     pub expert: PolicyId,
@@ -75,7 +75,7 @@ impl DatasetHeader {
         FORMAT.into()
     }
 
-    /// When the damage strikes and how the twin is led.
+    /// Onset of the damage and mode of the twin.
     #[must_use]
     pub fn protocol(&self) -> Protocol {
         Protocol { timing: self.timing, twin: self.twin }
@@ -142,7 +142,7 @@ impl DatasetHeader {
             Some((key, wanted)) => Err(FileKind::Dataset.unusable(
                 path,
                 format!(
-                    "the folder holds records with `{key}` = {}, this command asks for {wanted}; choose another folder",
+                    "the folder holds records with `{key}` = {}, this command needs {wanted}; choose another folder",
                     other.get(key).unwrap_or(&serde_json::Value::Null),
                 ),
             )),
@@ -153,7 +153,7 @@ impl DatasetHeader {
         serde_json::to_string_pretty(self).map_err(|error| LearnError::Invalid(error.to_string()))
     }
 
-    /// All that decides what the records are: a policy is the same wherever its run folder lies.
+    /// All that determines the records: a policy is the same wherever its run folder is.
     fn entries(&self) -> Result<serde_json::Map<String, serde_json::Value>> {
         let mut header = self.clone();
         header.expert.run.clear();

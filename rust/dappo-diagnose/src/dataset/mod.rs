@@ -11,7 +11,7 @@
 //! | `onset`, `delay` | u32 | when the damage struck and how much later the window began, in steps |
 //! | `fallen` | `[C]` u32 | 1 if the robot was out of its range of heights when the window began |
 //!
-//! The array's header is brought up to date after each block of records, so that a file is valid at any moment.
+//! The array's header is updated after each block of records, so that a file is valid at any moment.
 
 mod header;
 mod npy;

@@ -1,11 +1,11 @@
 //! The NumPy file format, version 1.0, for one array of records.
 //!
-//! Source: `numpy.lib.format`. The header has a fixed length here, so that the number of records can be brought up
-//! to date in place.
+//! Source: `numpy.lib.format`. The header has a fixed length here, so that the number of records can be kept
+//! up to date in place.
 
 /// Magic string and version.
 const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
-/// Bytes before the first record: a multiple of 64, as NumPy wants, with room for any of our headers.
+/// Bytes before the first record: a multiple of 64, as NumPy requires, with room for any of our headers.
 pub(super) const HEADER_BYTES: usize = 512;
 
 /// One field of a record; every element has 4 bytes.
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_kill_leaves_of_a_header_is_told_from_what_is_foreign() {
+    fn a_header_cut_short_by_a_kill_is_distinguished_from_a_foreign_file() {
         let fields = [Field::f32("a", &[3, 2]), Field::u32("b", &[])];
         let whole = header(&fields, 0);
         for length in [0, 1, 100, HEADER_BYTES] {

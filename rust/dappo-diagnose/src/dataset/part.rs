@@ -57,7 +57,7 @@ pub struct Record {
     pub fallen: Vec<bool>,
 }
 
-/// Puts a list of f32 or u32 into its bytes on disk.
+/// Writes a list of f32 or u32 as its bytes on disk.
 macro_rules! put {
     ($bytes:expr, $values:expr) => {
         $bytes.extend($values.into_iter().flat_map(|value| value.to_le_bytes()))
@@ -132,7 +132,7 @@ impl Part {
                 self.write_count()
             });
         written.map_err(|source| {
-            // Whether or not the room can be given back, the header tells how far the file is valid.
+            // Whether or not the room can be given back, the header holds how far the file is valid.
             let _ = self.rewind();
             FileKind::Dataset.unusable(
                 &self.path,
@@ -167,7 +167,7 @@ pub(super) fn count_records(path: &Path, file: &File, fields: &[Field], record_b
             ),
         )),
         None => Err(FileKind::Dataset
-            .unusable(path, "its header does not fit the dataset.json beside it; move the file away")),
+            .unusable(path, "its header does not fit the dataset.json next to it; move the file away")),
     }
 }
 
@@ -207,7 +207,7 @@ mod tests {
         }
     }
 
-    /// Rollouts that can be told apart.
+    /// Rollouts that differ.
     fn record(rollout: usize) -> Record {
         let rows = |numbers: usize| vec![rollout as f32; numbers];
         Record {
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shard_is_collected_by_one_process_and_other_shards_beside_it() {
+    fn a_shard_is_collected_by_one_process_and_other_shards_at_the_same_time() {
         let (folder, header) = (Scratch::new(), small_header());
         let mut part = Part::open(&folder.0, &header, 0).unwrap();
         let refused = Part::open(&folder.0, &header, 0).unwrap_err().to_string();
@@ -345,9 +345,9 @@ mod tests {
         let refused = Dataset::open(&folder.0).err().unwrap().to_string();
         assert!(refused.contains("truncated after it was written"), "{refused}");
         assert!(collect(&folder.0).unwrap_err().to_string().contains("truncated after it was written"));
-        fs::write(&data, "notes of somebody").unwrap();
+        fs::write(&data, "notes of a user").unwrap();
         assert!(collect(&folder.0).unwrap_err().to_string().contains("move the file away"));
-        assert_eq!(fs::read(&data).unwrap(), b"notes of somebody");
+        assert_eq!(fs::read(&data).unwrap(), b"notes of a user");
     }
 
     #[test]

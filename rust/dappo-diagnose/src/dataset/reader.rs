@@ -24,7 +24,7 @@ struct Shelf {
     count: usize,
 }
 
-/// A folder of records, read where they lie: the operating system keeps in memory what is used often.
+/// A folder of records, read in place: the operating system keeps in memory what is used often.
 pub struct Dataset {
     header: DatasetHeader,
     shelves: Vec<Shelf>,

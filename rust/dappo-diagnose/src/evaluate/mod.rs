@@ -23,7 +23,7 @@ pub struct Evaluated {
     pub model: String,
     /// Folder of the dataset.
     pub data: String,
-    /// The essence of the report.
+    /// The summary of the report.
     pub summary: DiagnosisSummary,
     /// What the mistakes cost a policy, if one was given.
     pub cost: Option<Cost>,
@@ -43,8 +43,8 @@ pub struct Follower<'a> {
     pub factory: &'a dyn EnvFactory,
 }
 
-/// Evaluates every diagnoser on every dataset, in this order, and writes the reports into the folders of the trainings.
-/// With a follower, the cost of the mistakes is measured, too. `None` once `stop` says so.
+/// Evaluates every diagnoser on every dataset, in this order, and writes the reports into the folders of the
+/// trainings. With a follower, the cost of the mistakes is measured, too. `None` once `stop` returns true.
 pub fn evaluate(
     models: &[PathBuf],
     data: &[PathBuf],
@@ -96,7 +96,7 @@ fn check_subject(diagnoser: &Diagnoser, data: &Dataset, folder: &TrainingFolder,
         return Ok(());
     }
     Err(LearnError::Invalid(format!(
-        "the diagnoser in {} knows {} damage classes of robot `{}`, the records in {} are of {} classes of `{}`; \
+        "the diagnoser in {} has {} damage classes of robot `{}`, the records in {} are of {} classes of `{}`; \
          they must be the same",
         folder.root().display(),
         known.classes(),

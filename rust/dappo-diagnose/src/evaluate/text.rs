@@ -1,4 +1,4 @@
-//! Evaluations of diagnosers as text for people.
+//! Evaluations of diagnosers as text.
 
 use dappo_learn::text_table::table;
 
@@ -50,7 +50,7 @@ impl Cost {
     /// What the mistakes cost, and the three that cost most.
     fn text(&self) -> String {
         let cost = format!(
-            "  forward reward of the policy: {:.1} told the truth, {:.1} told the diagnosis: \
+            "  forward reward of the policy: {:.1} with the true class, {:.1} with the diagnosis: \
              gait-equivalent accuracy {:.2} %\n",
             self.true_reward,
             self.diagnosed_reward,
@@ -63,7 +63,7 @@ impl Cost {
 impl Mistake {
     fn text(&self) -> String {
         format!(
-            "    {:.1} % of {} are called {}, which changes the reward from {:.0} to {:.0}\n",
+            "    {:.1} % of {} are diagnosed as {}, which changes the reward from {:.0} to {:.0}\n",
             100.0 * self.share,
             self.class,
             self.named,
@@ -142,11 +142,11 @@ mod tests {
             d0 on data/test\n  \
               accuracy 75.00 ± 1.50 % of 8 windows, 1 rollouts; calibration error 6.25 %\n  \
               on classes that it was not trained on: 50.00 %\n  \
-              forward reward of the policy: 2000.0 told the truth, 1500.0 told the diagnosis: \
+              forward reward of the policy: 2000.0 with the true class, 1500.0 with the diagnosis: \
               gait-equivalent accuracy 75.00 %\n    \
-                25.0 % of healthy are called jammed@0, which changes the reward from 2000 to 500\n    \
-                12.5 % of healthy are called jammed@0, which changes the reward from 2000 to 500\n    \
-                3.0 % of healthy are called jammed@0, which changes the reward from 2000 to 500\n";
+                25.0 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n    \
+                12.5 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n    \
+                3.0 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n";
         assert_eq!(found.text(), expected);
     }
 

@@ -32,15 +32,15 @@ pub struct ExportHeader {
     pub action_dim: usize,
     /// The damage classes; the index is the class, 0 is the healthy robot.
     pub classes: Vec<ClassHeader>,
-    /// When damage is suspected and what is believed; nothing for a policy alone.
+    /// When damage is suspected and which diagnoses are accepted; nothing for a policy alone.
     pub controller: Option<ControllerConfig>,
     /// The policy.
     pub policy: PolicyHeader,
-    /// The policy that walks during an examination; the policy itself, told that nothing is damaged, for none.
+    /// The policy that walks during an examination; the policy itself with the code of no damage, for none.
     pub expert: Option<PolicyHeader>,
     /// The diagnoser; nothing for a policy alone.
     pub diagnoser: Option<DiagnoserHeader>,
-    /// How to simulate the robot, and how to lead a simulated one beside the real one.
+    /// How to simulate the robot, and how to run its twin.
     pub twin: TwinHeader,
     /// What the parts were made from.
     pub sources: Sources,
@@ -56,7 +56,7 @@ pub struct ClassHeader {
     pub name: String,
     /// Its damage code, zeros and ones.
     pub code: Vec<u8>,
-    /// Forward velocity of the policy when it is told the truth, m/s; a policy alone may not have been evaluated.
+    /// Forward velocity of the policy with the true code, m/s; a policy alone may not have been evaluated.
     pub baseline: Option<f64>,
 }
 
@@ -92,7 +92,7 @@ pub struct DiagnoserHeader {
     pub inputs: Vec<String>,
     /// Steps of a window, T.
     pub timesteps: usize,
-    /// What the network puts out.
+    /// What the network outputs.
     pub head: Head,
     /// Width of the embedding.
     pub embedding: usize,
@@ -106,7 +106,7 @@ pub struct DiagnoserHeader {
     pub clip: f32,
 }
 
-/// How to simulate the robot beside the real one.
+/// How to simulate the twin of the robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TwinHeader {
@@ -114,7 +114,7 @@ pub struct TwinHeader {
     pub mjcf: String,
     /// Version of MuJoCo that the robot was trained in.
     pub mujoco: String,
-    /// Integrator, as MuJoCo names it; it goes before that of the MJCF.
+    /// Integrator, as MuJoCo calls it; it overrides that of the MJCF.
     pub integrator: String,
     /// Physics steps a control step.
     pub frame_skip: usize,
@@ -128,7 +128,7 @@ pub struct TwinHeader {
     pub forward_velocity: String,
     /// Whose actions the twin takes during an examination; nothing for a policy alone, as in the following entries.
     pub action: Option<TwinAction>,
-    /// Steps of an examination after which the twin is put into the state of the robot again; 0 = only at its begin.
+    /// Steps of an examination after which the twin is re-synchronised; 0 = only at the start.
     pub resync: Option<u32>,
     /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
     /// take part, `[O]`.
@@ -217,7 +217,7 @@ impl ExportHeader {
         self.classes.iter().map(|class| class.name.clone()).collect()
     }
 
-    /// For people: what is exported, and its files.
+    /// In words: what is exported, and its files.
     #[must_use]
     pub fn text(&self) -> String {
         let what = match &self.diagnoser {
@@ -237,7 +237,7 @@ impl ExportHeader {
         standardizer: Standardizer,
     ) -> Result<Description> {
         let missing = |what: &str| {
-            LearnError::Invalid(format!("the header does not say how the twin is led: `{what}`"))
+            LearnError::Invalid(format!("the header does not contain the mode of the twin: `{what}`"))
         };
         let twin = Twin {
             action: self.twin.action.ok_or_else(|| missing("action"))?,

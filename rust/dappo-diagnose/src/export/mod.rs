@@ -5,7 +5,7 @@
 //! |---|---|
 //! | `export.json` | the [`ExportHeader`], which lists all others with their SHA-256 |
 //! | `policy.*`, `diagnoser.*`, `expert.*` | networks, as ONNX from raw inputs on, and as safetensors |
-//! | `robot.xml`, `robot.toml` | the healthy robot as MJCF, and what else is known about it |
+//! | `robot.xml`, `robot.toml` | the healthy robot as MJCF, and its other properties |
 //! | `robot-*` | meshes, textures and the like that the MJCF needs |
 //! | `config.toml` | the configuration of the policy's run |
 //!
@@ -50,7 +50,7 @@ const MJCF: &str = "robot.xml";
 
 /// A robot as it is simulated.
 pub struct Body<'a> {
-    /// What its robot file says.
+    /// Its robot file.
     pub robot: &'a Robot,
     /// Its files, `robot.toml` and `robot.xml` among them, with numbers as they were written: MuJoCo rounds them when
     /// it writes a model down itself.
@@ -63,14 +63,13 @@ pub struct Body<'a> {
     pub mujoco: &'a str,
 }
 
-/// Everything that goes into a folder.
+/// The contents of a folder.
 pub struct Contents<'a> {
     /// The policy.
     pub policy: &'a Policy,
     /// The damage classes.
     pub classes: Vec<ClassHeader>,
-    /// What a controller has learned beside, and when it suspects damage and what it believes; nothing for a policy
-    /// alone.
+    /// The learned parts of a controller and its settings; nothing for a policy alone.
     pub controller: Option<(&'a Skills, &'a ControllerConfig)>,
     /// The robot.
     pub body: Body<'a>,
@@ -81,7 +80,7 @@ pub struct Contents<'a> {
 }
 
 impl Contents<'_> {
-    /// Writes the folder beside `out`, to be committed when it has proved to be usable.
+    /// Writes the folder next to `out`, to be committed once it has been checked.
     pub fn stage(&self, out: &Path) -> Result<Staged> {
         let mut header = self.header()?;
         let mut files: BTreeMap<String, Vec<u8>> = self.body.files.iter().cloned().collect();
@@ -164,13 +163,13 @@ impl Staged {
         check_replaceable::<ExportHeader>(out)
     }
 
-    /// Where the export lies until it is committed.
+    /// Path of the export until it is committed.
     #[must_use]
     pub fn folder(&self) -> &Path {
         self.0.path()
     }
 
-    /// Puts the export where it belongs, in place of an earlier one.
+    /// Moves the export to its place, replacing an earlier one.
     pub fn commit(self) -> Result<()> {
         self.0.commit()
     }
@@ -191,7 +190,7 @@ impl Export {
         Ok(Self { sealed })
     }
 
-    /// Where it lies.
+    /// Its path.
     #[must_use]
     pub fn folder(&self) -> &Path {
         self.sealed.folder()
@@ -229,7 +228,7 @@ impl Export {
         self.read_policy(&self.header().policy)
     }
 
-    /// What a controller has learned, and its settings.
+    /// The learned parts of a controller, and its settings.
     pub fn controller(&self) -> Result<(Skills, ControllerConfig)> {
         let ExportHeader { diagnoser: Some(diagnoser), controller: Some(config), .. } = self.header() else {
             let message = "it holds a policy alone, and a controller needs a diagnoser, too; export again with \

@@ -16,7 +16,7 @@ use super::header::{DiagnoserHeader, ExportHeader, PolicyHeader, input_blocks};
 use super::tensors::{Reader, Tensors};
 use crate::Diagnoser;
 
-/// What a policy is, in files named after `name`.
+/// The header of a policy whose files are named after `name`.
 pub(super) fn policy_header(name: &str, policy: &Policy) -> PolicyHeader {
     PolicyHeader {
         onnx: format!("{name}.onnx"),
@@ -28,7 +28,7 @@ pub(super) fn policy_header(name: &str, policy: &Policy) -> PolicyHeader {
     }
 }
 
-/// What a diagnoser is.
+/// The header of a diagnoser.
 pub(super) fn diagnoser_header(diagnoser: &Diagnoser) -> DiagnoserHeader {
     let description = diagnoser.description();
     DiagnoserHeader {

@@ -30,7 +30,7 @@ pub struct ExportedRun<'a> {
 }
 
 impl ExportedRun<'_> {
-    /// Writes a controller beside `out`: the policy of the run and these parts.
+    /// Writes a controller next to `out`: the policy of the run and these parts.
     pub fn stage_controller(&self, parts: &Parts, settings: &ControllerConfig, out: &Path) -> Result<Staged> {
         let (skills, sources) = parts.load(self.folder, self.config, self.factory)?;
         let twins = self.factory.backend(1, None, self.factory.evaluation_physics())?;
@@ -41,11 +41,11 @@ impl ExportedRun<'_> {
         Contents { policy, classes, controller, body, config, sources }.stage(out)
     }
 
-    /// Writes the policy alone beside `out`.
+    /// Writes the policy alone next to `out`.
     pub fn stage_policy(&self, out: &Path) -> Result<Staged> {
         let policy = RunPolicy::trained(self.folder, self.config, self.factory)?;
         let subject = Subject::new(&self.factory.robot().name, self.factory.space());
-        // A policy alone need not have been evaluated, nor with the damage classes that its robot has now.
+        // A policy alone may not have been evaluated, or with other damage classes than its robot has now.
         let velocities = MeanVelocities::read(self.folder)?;
         let baselines = velocities.and_then(|velocities| velocities.of(&subject.class_names).ok());
         let classes = classes(&subject, baselines.as_deref());

@@ -31,7 +31,7 @@ impl Tensors {
         Ok(())
     }
 
-    /// Puts `NAME.weight`, `[inputs, outputs]`, and `NAME.bias`, `[outputs]`.
+    /// Adds `NAME.weight`, `[inputs, outputs]`, and `NAME.bias`, `[outputs]`.
     pub fn put_linear(&mut self, name: &str, layer: &Linear) -> Result<()> {
         let [inputs, outputs] = layer.weight.lazy_shape().dims();
         let bias = layer.bias.as_ref().map_or_else(|| Ok(vec![0.0; outputs]), |bias| read(bias.val()))?;
@@ -90,7 +90,7 @@ impl<'a> Reader<'a> {
         FileKind::Export.unusable(self.path, error)
     }
 
-    /// What [`Tensors::put_linear`] put.
+    /// What [`Tensors::put_linear`] added.
     pub fn linear(&self, name: &str, inputs: usize, outputs: usize) -> Result<Linear> {
         let weight = self.array(&format!("{name}.weight"), &[inputs, outputs])?;
         let bias = self.array(&format!("{name}.bias"), &[outputs])?;

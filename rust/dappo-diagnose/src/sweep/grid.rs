@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DiagnoserConfig, Method};
 
-/// Epochs of a cell lie between these, whatever the budget of samples.
+/// Bounds of the epochs of a cell, whatever the budget of samples.
 const EPOCHS: (usize, usize) = (2, 50);
 
 /// All combinations of some settings.

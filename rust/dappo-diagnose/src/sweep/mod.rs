@@ -25,13 +25,13 @@ pub use table::{Row, Table};
 /// Stem of the files with a cell's results on the test rollouts.
 const TEST: &str = "test";
 
-/// What came out of a cell.
+/// The result of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellResult {
     /// The cell.
     pub cell: Cell,
-    /// Share of the test windows whose class was named correctly.
+    /// Share of the test windows whose class was diagnosed correctly.
     pub accuracy: f64,
     /// Its standard error over test rollouts.
     pub standard_error: f64,
@@ -47,12 +47,12 @@ pub struct CellResult {
     pub best_epoch: u64,
 }
 
-/// Whoever watches a sweep; cells may be trained side by side.
+/// Observer of a sweep; cells may be trained side by side.
 pub trait SweepObserver: Sync {
     /// Called after every cell, those of earlier commands included.
     fn finished(&self, result: &CellResult, done: usize, total: usize);
 
-    /// Whether to stop now; cells under way go on from their last epoch in a later command.
+    /// Whether to stop now; unfinished cells resume from their last epoch in a later command.
     fn should_stop(&self) -> bool;
 }
 
@@ -176,8 +176,8 @@ fn run_cell(
     Ok(Some(result))
 }
 
-/// Removes the checkpoints of a finished cell, and what a kill has left of them. The model stays; nobody will go on
-/// with this training.
+/// Removes the checkpoints of a finished cell, and what a kill has left of them. The model stays; this
+/// training is not resumed.
 fn remove_checkpoints(folder: &TrainingFolder) -> Result<()> {
     let checkpoints = folder.checkpoints();
     files::sweep(folder.root(), |stem| stem == stem_of(&checkpoints));
@@ -190,7 +190,7 @@ fn read_result(path: &Path) -> Result<CellResult> {
         .map_err(|error| LearnError::Invalid(format!("{}: {error}; remove its folder", path.display())))
 }
 
-/// Refuses to go on with a cell that an earlier command trained differently.
+/// Refuses to resume a cell that an earlier command trained differently.
 fn check_same(earlier: &DiagnoserConfig, config: &DiagnoserConfig, root: &Path) -> Result<()> {
     if earlier == config {
         return Ok(());
@@ -201,7 +201,7 @@ fn check_same(earlier: &DiagnoserConfig, config: &DiagnoserConfig, root: &Path) 
     )))
 }
 
-/// Watches the training of a cell.
+/// Observes the training of a cell.
 struct Quiet<'a> {
     stop: &'a (dyn Fn() -> bool + Sync),
 }

@@ -8,9 +8,9 @@ const TABLE: &str = include_str!("paper_table1.csv");
 /// An accuracy as the paper gives it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperResult {
-    /// Share of the windows whose class was named correctly.
+    /// Share of the windows whose class was diagnosed correctly.
     pub accuracy: f64,
-    /// What stands behind its ±.
+    /// The number after its ±.
     pub plus_minus: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The results of a sweep beside the paper's.
+//! The results of a sweep next to the paper's.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -43,7 +43,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Puts the results of all cells together; cells without a result are left out.
+    /// Combines the results of all cells; cells without a result are left out.
     #[must_use]
     pub fn new(robot: &str, grid: &Grid, results: &[CellResult]) -> Self {
         let mut rows = Vec::new();
@@ -126,7 +126,7 @@ impl Table {
         table(&columns, self.rows.iter().map(row))
     }
 
-    /// For people: ours and the paper's side by side.
+    /// As text: ours and the paper's side by side.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = format!(

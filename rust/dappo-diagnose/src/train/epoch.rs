@@ -17,7 +17,7 @@ const REPORT_EVERY: usize = 50;
 const VALIDATION_BATCH: usize = 256;
 
 /// What to do where a training has diverged.
-const ADVICE: &str = "train anew with a lower learning rate, for example --set learning_rate=0.0001";
+const ADVICE: &str = "train again with a lower learning rate, for example --set learning_rate=0.0001";
 
 impl Session<'_> {
     /// One epoch; `None` if the observer stopped it, after which the session must not be used any more.

@@ -20,7 +20,7 @@ pub struct EpochMetrics {
     pub train_loss: f64,
     /// Mean loss of the validation samples after the epoch.
     pub validation_loss: f64,
-    /// Share of the validation samples whose class was named.
+    /// Share of the validation samples whose class was diagnosed correctly.
     pub validation_accuracy: f64,
     /// Learning rate of the epoch's last step.
     pub learning_rate: f64,
@@ -49,7 +49,7 @@ pub struct EpochProgress {
     pub train_loss: f64,
 }
 
-/// Whoever watches a training.
+/// Observer of a training.
 pub trait Observer {
     /// Called several times an epoch.
     fn progress(&mut self, progress: &EpochProgress);
@@ -76,7 +76,7 @@ pub struct BestEpoch {
 /// How a training ended.
 #[derive(Debug, Clone)]
 pub struct DiagnoserOutcome {
-    /// The diagnoser of the best epoch, if one was finished; it also lies in the folder.
+    /// The diagnoser of the best epoch, if one was finished; it is also in the folder.
     pub best: Option<(BestEpoch, Diagnoser)>,
     /// Epochs done.
     pub epochs: u64,
@@ -84,8 +84,8 @@ pub struct DiagnoserOutcome {
     pub interrupted: bool,
 }
 
-/// Trains until the epochs are spent or the patience is lost, from the newest checkpoint when `resume` is set. A
-/// training that was stopped before its first checkpoint begins anew.
+/// Trains until the epochs are spent or the patience is lost, from the newest checkpoint when `resume` is
+/// set. A training that was stopped before its first checkpoint starts again.
 pub fn train(
     config: &DiagnoserConfig,
     subject: &Subject,

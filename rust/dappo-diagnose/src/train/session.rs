@@ -32,7 +32,7 @@ const BEST: &str = "best.bpk";
 /// Checkpoints kept, the newest first.
 const KEEP: usize = 2;
 
-/// Where a training stands.
+/// Progress of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingPosition {
@@ -252,7 +252,7 @@ fn read_session<F: Files>(files: &F) -> Result<SavedSession> {
     toml::from_str(&text).map_err(|error| unreadable(&path, error))
 }
 
-/// A training may go on for more epochs or with more patience, but not as another training.
+/// A training may be resumed for more epochs or with more patience, but not as another training.
 fn check_same(path: &Path, earlier: &DiagnoserConfig, config: &DiagnoserConfig) -> Result<()> {
     let earlier = DiagnoserConfig { epochs: config.epochs, patience: config.patience, ..earlier.clone() };
     let table = |config: &DiagnoserConfig| {

@@ -1,5 +1,5 @@
-//! Training a diagnoser as a whole: it learns, it does not cheat, it resumes to the bit, it does not depend on
-//! threads, and what it saves reads back.
+//! Training a diagnoser as a whole: it learns, it does not cheat, resuming is bit-identical, it does not
+//! depend on threads, and what it saves reads back.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -80,14 +80,14 @@ fn five_limbs(rollouts: usize) -> Synthetic {
     Synthetic { subject, rollouts, informative: true }
 }
 
-/// Writes down what it is told, and stops before a given step.
+/// Records its calls, and stops before a given step.
 #[derive(Default)]
 struct Watch {
     metrics: Vec<EpochMetrics>,
     progress: Vec<EpochProgress>,
-    /// Asked this often, it says stop.
+    /// It requests the stop in this call.
     stop_at: Option<usize>,
-    asked: Cell<usize>,
+    calls: Cell<usize>,
 }
 
 impl Observer for Watch {
@@ -100,12 +100,12 @@ impl Observer for Watch {
     }
 
     fn should_stop(&self) -> bool {
-        self.asked.set(self.asked.get() + 1);
-        self.stop_at == Some(self.asked.get())
+        self.calls.set(self.calls.get() + 1);
+        self.stop_at == Some(self.calls.get())
     }
 }
 
-/// A folder that goes away with the test.
+/// A folder that is removed after the test.
 struct Temporary(PathBuf);
 
 impl Temporary {
@@ -150,7 +150,7 @@ fn go_on(
     train(config, &source.subject, source, &folder.lock()?, true, watch)
 }
 
-/// Probabilities of the windows of some rollouts, to the bit.
+/// Bits of the probabilities of the windows of some rollouts.
 fn fingerprint(outcome: &DiagnoserOutcome, source: &Synthetic) -> Vec<u32> {
     let (best, diagnoser) = outcome.best.as_ref().unwrap();
     let mut inputs = vec![0.0; STEPS * diagnoser.description().input_dim()];
@@ -164,7 +164,7 @@ fn fingerprint(outcome: &DiagnoserOutcome, source: &Synthetic) -> Vec<u32> {
     bits
 }
 
-/// The metrics without what a clock says.
+/// The metrics without times.
 fn timeless(metrics: &[EpochMetrics]) -> Vec<EpochMetrics> {
     let strip = |m: &EpochMetrics| EpochMetrics { seconds: 0.0, samples_per_second: 0.0, ..m.clone() };
     metrics.iter().map(strip).collect()
@@ -211,7 +211,7 @@ fn labels_without_information_are_guessed_at_chance_on_validation_rollouts() {
 fn the_limb_head_names_pairs_of_damage_that_it_was_never_trained_on() {
     let source = five_limbs(120);
     let at = Temporary::new("unseen");
-    // Without dense layers: those learn pairs by heart and name unseen ones wrongly.
+    // Without dense layers: those memorise pairs and misclassify unseen ones.
     let config = DiagnoserConfig { head: Head::Limbs, held_out: vec![6], hidden: Vec::new(), ..small() };
     let outcome = start(&config, &source, &at.0, &mut Watch::default());
     let (_, diagnoser) = outcome.best.unwrap();
@@ -368,7 +368,7 @@ fn data_that_cannot_serve_the_configuration_is_refused_before_training() {
     let message = refuse(DiagnoserConfig { rollouts: Some(21), ..small() }, &source);
     assert_eq!(message, "`rollouts` is 21, expected 2 to 20, as many as the data has");
     let message = refuse(DiagnoserConfig { held_out: vec![9], ..small() }, &source);
-    assert_eq!(message, "`held_out` names damage class 9; the classes are 0 to 8");
+    assert_eq!(message, "`held_out` contains damage class 9; the classes are 0 to 8");
     let message = refuse(DiagnoserConfig { held_out: (0..9).collect(), ..small() }, &source);
     assert!(message.contains("one must remain"), "{message}");
     let mut wrong = synthetic(20, true);

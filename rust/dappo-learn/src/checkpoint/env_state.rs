@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `worlds` | `[N, row]` f64 | states of the backend |
 //! | `classes` | `[N]` u64 | damage classes |
-//! | `episodes` | `[N, 6]` u64 | where the episodes stand, and their random streams |
+//! | `episodes` | `[N, 6]` u64 | state of the episodes, and their random streams |
 //! | `obs` | `[N · O]` f32 | last observations |
 //! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
 //!
@@ -29,7 +29,7 @@ const LONGEST: u64 = 1 << 34;
 /// "DAPPOENV" in little-endian order.
 const MAGIC: u64 = u64::from_le_bytes(*b"DAPPOENV");
 
-/// Everything a rollout goes on from.
+/// The state from which a rollout continues.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvState {
     /// The envs.
@@ -80,7 +80,7 @@ impl EnvState {
         let bytes = files.read(name, LONGEST)?;
         let parsed = if name == FILE { parse(&bytes) } else { parse_earlier(&bytes) };
         let state = parsed.map_err(|reason| {
-            unreadable(&files.path(name), format!("it is no env state of this program: {reason}"))
+            unreadable(&files.path(name), format!("it is not an env state of this program: {reason}"))
         })?;
         let EpisodeTracker { forward, returns, lengths, .. } = &state.episodes;
         if let Some(sum) = [forward, returns, lengths].into_iter().flatten().find(|sum| !sum.is_finite()) {
@@ -90,7 +90,7 @@ impl EnvState {
         Ok(state)
     }
 
-    /// Puts the arrays of a file together.
+    /// Assembles the arrays of a file.
     fn of(row: usize, rows: Vec<f64>, classes: Vec<u64>, arrays: EpisodeArrays) -> Self {
         let EpisodeArrays { episodes, obs, sums: [forward, returns, lengths] } = arrays;
         let mut tracker = EpisodeTracker::new(classes.len());

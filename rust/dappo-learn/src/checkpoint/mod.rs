@@ -77,7 +77,7 @@ impl<P: Position> Manifest for CheckpointManifest<P> {
     const FORMAT: &'static str = "dappo-batch checkpoint 1";
     const KIND: &'static str = "a checkpoint";
     const FILES: FileKind = FileKind::Checkpoint;
-    const ADVICE: &'static str = "remove this checkpoint to go on from the one before";
+    const ADVICE: &'static str = "remove this checkpoint to resume from the one before";
     /// The files of all kinds of checkpoints.
     const UNLISTED: &'static [&'static str] = &[
         "learner.toml",
@@ -109,7 +109,8 @@ pub struct Checkpoint<P = Progress> {
 }
 
 impl<P: Position> Checkpoint<P> {
-    /// Writes a checkpoint: `fill` puts its files into the folder it is given. Older ones beyond `keep` go.
+    /// Writes a checkpoint: `fill` writes its files into the folder it is given. Older ones beyond `keep` are
+    /// removed.
     pub fn write(
         checkpoints: &Path,
         robot: &str,
@@ -193,7 +194,8 @@ impl Checkpoint {
         Ppo::load_for(self, config, Some(sizes), device)
     }
 
-    /// Reads the envs and brings those of `engine` into their state; returns the sums over their running episodes.
+    /// Reads the envs and sets those of `engine` to their state; returns the sums over their running
+    /// episodes.
     pub fn restore_envs(&self, engine: &mut dyn RolloutEngine) -> Result<EpisodeTracker> {
         let state = EnvState::load(self)?;
         engine.restore(&state.envs).map_err(|error| {

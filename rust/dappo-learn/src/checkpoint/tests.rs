@@ -145,7 +145,7 @@ fn names_that_lead_elsewhere_and_files_that_no_manifest_lists_are_refused() {
     fs::rename(&folder, elsewhere.0.join("00000001")).unwrap();
     std::os::unix::fs::symlink(elsewhere.0.join("00000001"), &folder).unwrap();
     assert!(message().contains("it is a symbolic link"), "{}", message());
-    // Nothing is written where a link leads to.
+    // Nothing is written to the target of a link.
     write(at, 2, "content");
     write(at, 3, "content");
     write(at, 4, "content");

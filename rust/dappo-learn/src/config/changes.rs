@@ -1,4 +1,4 @@
-//! Settings that change when a run goes on, and those that cannot.
+//! Settings that can change when a run is resumed, and those that cannot.
 
 use serde::Serialize;
 
@@ -68,7 +68,7 @@ fn built_in(key: &str) -> Option<&'static str> {
     let (section, name) = key.split_once('.').unwrap_or(("", key));
     match (section, name) {
         ("", "robot") => Some("its networks and episodes are those of this robot"),
-        ("", "seed") => Some("its random streams go on from this seed"),
+        ("", "seed") => Some("its random streams depend on this seed"),
         ("env", "num_envs") => Some("its checkpoints hold the states of so many envs"),
         ("env", "device" | "backend" | "precision" | "physics") => {
             Some("its checkpoints hold states of this simulator")
@@ -193,6 +193,6 @@ mod tests {
         assert_eq!(changed(&["ppo.hidden=[16]", "seed=0", "ppo.learning_rate=0.001"]).unwrap(), config());
         assert!(changed(&["ppo.gama=0.9"]).unwrap_err().to_string().contains("gama"));
         assert!(changed(&["ppo.clip_range=2"]).unwrap_err().to_string().contains("`ppo.clip_range` is 2"));
-        assert!(changed(&["ppo.clip_range"]).unwrap_err().to_string().contains("is no assignment"));
+        assert!(changed(&["ppo.clip_range"]).unwrap_err().to_string().contains("is not an assignment"));
     }
 }

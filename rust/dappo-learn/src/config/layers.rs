@@ -11,7 +11,7 @@ use crate::error::LearnError;
 use crate::faults::Faults;
 use crate::ppo::PpoConfig;
 
-/// Parts of a dotted key at most. No setting has so many, and deep nesting would need a deep stack.
+/// Parts of a dotted key at most. No setting has this many, and deep nesting would need a deep stack.
 const KEY_PARTS: usize = 16;
 
 /// TOML tables laid over one another; later layers win key by key.
@@ -37,7 +37,7 @@ impl Layers {
         let parts: Vec<&str> = key.split('.').map(str::trim).collect();
         if parts.iter().any(|part| part.is_empty()) || parts.len() > KEY_PARTS {
             return Err(LearnError::Invalid(format!(
-                "`{}` is no key; expected for example ppo.gamma",
+                "`{}` is not a key; expected for example ppo.gamma",
                 shortened(key)
             )));
         }
@@ -61,7 +61,7 @@ impl Layers {
     fn set_assignment(&mut self, assignment: &str) -> Result<(), LearnError> {
         let (key, value) = assignment.split_once('=').ok_or_else(|| {
             LearnError::Invalid(format!(
-                "`{}` is no assignment; expected key=value, for example ppo.gamma=0.99",
+                "`{}` is not an assignment; expected key=value, for example ppo.gamma=0.99",
                 shortened(assignment)
             ))
         })?;
@@ -69,7 +69,7 @@ impl Layers {
         let parsed = format!("value = {value}").parse::<toml::Table>();
         let value = match parsed.map(|mut table| (table.remove("value"), table.is_empty())) {
             Ok((Some(value), true)) => value,
-            // What is quoted or bracketed was meant as TOML.
+            // Quoted or bracketed text is TOML.
             _ if value.starts_with(['"', '\'', '[', '{']) || value.contains('\n') => {
                 return Err(LearnError::Invalid(format!(
                     "the value of `{}` is not TOML: {}",
@@ -128,7 +128,7 @@ impl Layers {
         Ok(config)
     }
 
-    /// Puts the values of `ppo.preset` below those of `[ppo]`.
+    /// Inserts the values of `ppo.preset` below those of `[ppo]`.
     fn lay_preset(&mut self) -> Result<Faults, LearnError> {
         let mut faults = Faults::default();
         let Some(ppo) = self.table.get_mut("ppo").and_then(toml::Value::as_table_mut) else {
@@ -219,7 +219,7 @@ fn shortened(text: &str) -> String {
     short
 }
 /// Steps an iteration: from many envs a batch of 32 768 transitions, of at least 16 steps so that advantage
-/// estimates mean something; from few envs at least 4096, within 512 steps so that updates come often.
+/// estimates are meaningful; from few envs at least 4096, within 512 steps so that updates are frequent.
 fn horizon_for(num_envs: usize) -> usize {
     let of_many = (32_768 / num_envs.max(1)).clamp(16, 128);
     let of_few = (4096 / num_envs.max(1)).min(512);
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn unknown_keys_and_impossible_values_are_refused() {
         for (text, part) in [
-            ("sead = 1", "`sead` is no setting; did you mean `seed`?"),
+            ("sead = 1", "`sead` is not a setting; did you mean `seed`?"),
             ("[env]\nnum_env = 3", "`env.num_env`"),
             ("[env]\nnum_envs = 0", "`env.num_envs` is 0"),
             ("[env]\nnum_envs = 9_223_372_036_854_775_807", "`env.num_envs` is 9223372036854775807"),
@@ -347,11 +347,11 @@ mod tests {
         let lines: Vec<&str> = message.lines().collect();
         assert_eq!(lines[0], "7 settings cannot be used:");
         for (source, part) in [
-            ("test: ", "`sead` is no setting"),
+            ("test: ", "`sead` is not a setting"),
             ("test: ", "`env.num_envs` is 0, expected a whole number of at least 1"),
             ("test: ", "`env.reward` cannot be used: invalid type: integer `3`, expected a string"),
-            ("test: ", "`nothing` is no setting"),
-            ("other.toml: ", "`ppo.gama` is no setting"),
+            ("test: ", "`nothing` is not a setting"),
+            ("other.toml: ", "`ppo.gama` is not a setting"),
             ("other.toml: ", "`ppo.hidden[1]` cannot be used: invalid type: string \"x\", expected usize"),
             ("", "`ppo.gamma` is 2, expected a number in [0, 1)"),
         ] {

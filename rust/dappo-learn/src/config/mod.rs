@@ -72,10 +72,11 @@ pub struct EnvSection {
     /// Worker threads; all cores when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// `auto`, `cpu`, `cuda` or `warp-cpu`: where the training simulates; `auto` is a CUDA GPU where one can be used,
-    /// unless `backend` or `precision` ask for what only the CPU has.
+    /// `auto`, `cpu`, `cuda` or `warp-cpu`: where the training simulates; `auto` is a CUDA GPU where one can
+    /// be used, unless `backend` or `precision` need the CPU.
     pub device: Device,
-    /// The backend on the CPU: `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it knows everything about the robot.
+    /// The backend on the CPU: `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it supports
+    /// the robot.
     pub backend: BackendKind,
     /// `f32` or `f64`, for the backend `lanes`; `mujoco` always computes in `f64`, `warp` in `f32`.
     pub precision: Precision,
@@ -174,7 +175,7 @@ pub struct EvaluationSection {
     /// Iterations of a training from one evaluation to the next; without it, the only one is at the end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub every: Option<u64>,
-    /// As `env.device`. The CPU unless something else is asked for, so that results of all devices can be compared.
+    /// As `env.device`. The CPU unless set otherwise, so that results of all devices can be compared.
     pub device: Device,
     /// As `env.precision`, for the evaluation.
     pub precision: Precision,
@@ -224,7 +225,7 @@ impl Config {
         Ok(config)
     }
 
-    /// Name of the learner that it trains: policies that are told their damage, or not.
+    /// Name of the learner that it trains: policies with or without damage code.
     #[must_use]
     pub fn learner(&self) -> &'static str {
         if self.env.observe_damage { "DA-PPO" } else { "PPO-Unaware" }

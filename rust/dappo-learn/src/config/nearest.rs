@@ -1,4 +1,4 @@
-//! The setting that a user may have meant by a key that is none.
+//! The setting that is most similar to an unknown key.
 
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
@@ -26,7 +26,8 @@ fn last(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }
 
-/// Adds the dotted keys of a section, and those of the sections below it. The type names them where it refuses one.
+/// Adds the dotted keys of a section, and those of the sections below it. The type lists them where it
+/// refuses one.
 fn collect<T: DeserializeOwned>(section: &str, settings: &mut Vec<String>) {
     const NONE: &str = "?";
     let parts: Vec<&str> = section.split('.').filter(|part| !part.is_empty()).collect();

@@ -44,7 +44,7 @@ fn prune<T: DeserializeOwned>(table: &mut Table, key: &str) {
                 typed::<T>(Table::from_iter([(key.to_owned(), Value::Table(alone))])).is_ok()
             })
             .collect();
-        // A section that nobody knows is refused even when it is empty.
+        // An unknown section is refused even when it is empty.
         let alone = Table::from_iter([(key.to_owned(), Value::Table(kept.clone()))]);
         if typed::<T>(alone).is_ok() {
             table.insert(key.to_owned(), Value::Table(kept));
@@ -56,7 +56,7 @@ fn prune<T: DeserializeOwned>(table: &mut Table, key: &str) {
 /// nothing else can be the reason.
 fn find<T: DeserializeOwned>(path: &[Step], value: &Value, faults: &mut Faults) -> bool {
     let Err(message) = typed::<T>(alone(path, value.clone())) else { return false };
-    // A key that nobody knows, and all below it.
+    // An unknown key, and all below it.
     let unknown = path.iter().position(
         |step| matches!(step, Step::Key(key) if message.starts_with(&format!("unknown field `{key}`"))),
     );
@@ -64,7 +64,7 @@ fn find<T: DeserializeOwned>(path: &[Step], value: &Value, faults: &mut Faults) 
         let key = name(&path[..=at]);
         if !faults.concern(&key) {
             let meant = nearest::<T>(&key).map(|meant| format!("; did you mean `{meant}`?"));
-            faults.add(&key, format!("is no setting{}", meant.unwrap_or_else(|| format!(": {message}"))));
+            faults.add(&key, format!("is not a setting{}", meant.unwrap_or_else(|| format!(": {message}"))));
         }
         return true;
     }

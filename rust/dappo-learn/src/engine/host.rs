@@ -82,7 +82,7 @@ fn action_noise(keys: &[u64], step: u64, action_dim: usize) -> Vec<f32> {
     noise
 }
 
-/// V(`final_obs`) of the episodes that the time limit cut short: their return goes on beyond it.
+/// V(`final_obs`) of the episodes that the time limit cut short: their return continues beyond it.
 fn bootstrap_truncations(
     rollout: &mut Rollout,
     env: &VectorEnv,

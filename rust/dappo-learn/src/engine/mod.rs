@@ -12,7 +12,8 @@ use crate::rollout::Rollout;
 
 pub use host::HostEngine;
 
-/// Envs in which a policy acts for a fixed number of steps at a time. Episodes go on from one rollout to the next.
+/// Envs in which a policy acts for a fixed number of steps at a time. Episodes continue from one rollout to
+/// the next.
 pub trait RolloutEngine {
     /// Runs a policy for one horizon and adds its steps to `episodes`. `first_step` numbers them over the whole
     /// run, so that every (env, step) has exploration noise of its own.

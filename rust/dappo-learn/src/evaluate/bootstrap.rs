@@ -31,7 +31,7 @@ pub struct Gain {
     /// Difference of the means, m/s.
     pub absolute: Estimate,
     /// Ratio of the means, minus 1. `None` if the other mean is not above 0, in the estimate or in any
-    /// resample: a ratio to it would say nothing.
+    /// resample: a ratio to it would be meaningless.
     pub relative: Option<Estimate>,
 }
 

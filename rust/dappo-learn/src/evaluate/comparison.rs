@@ -60,7 +60,7 @@ pub struct Side {
 /// A comparison in a few numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ComparisonSummary {
-    /// The side whose gain is asked for.
+    /// The side whose gain is computed.
     pub runs: Side,
     /// The side that it is compared with.
     pub others: Side,
@@ -68,7 +68,7 @@ pub struct ComparisonSummary {
     pub episodes: usize,
     /// Seed of the start states and of the resamples.
     pub evaluation_seed: u64,
-    /// What simulated.
+    /// The simulator.
     #[serde(flatten)]
     pub simulator: Simulator,
     /// Classes in which the first side is ahead on average over its seeds.
@@ -85,7 +85,7 @@ pub struct ComparisonSummary {
     pub resamples: usize,
     /// Share of the resamples inside an interval.
     pub confidence: f64,
-    /// What was drawn anew in each resample, in words.
+    /// What was drawn in each resample, in words.
     pub intervals_cover: &'static str,
 }
 
@@ -121,7 +121,7 @@ pub struct ClassComparison {
 /// A comparison of two learners.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// The essence.
+    /// The summary.
     pub summary: ComparisonSummary,
     /// One entry a class, in canonical order.
     pub classes: Vec<ClassComparison>,

@@ -31,7 +31,7 @@ impl Conditions {
             return Ok(());
         };
         Err(LearnError::Invalid(format!(
-            "{name} cannot be evaluated beside {own_name}: its `{key}` is `{got}`, expected `{expected}`"
+            "{name} cannot be evaluated together with {own_name}: its `{key}` is `{got}`, expected `{expected}`"
         )))
     }
 }

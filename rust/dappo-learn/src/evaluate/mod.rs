@@ -20,9 +20,9 @@ pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
 pub use text::seeds_text;
 
-/// Runs the episodes of every damage class, as many as the section `[evaluation]` says, all at once.
+/// Runs the episodes of every damage class, as many as the section `[evaluation]` sets, all at once.
 ///
-/// `stop` is asked before every step; once it says yes, the result is `None`.
+/// `stop` is called before every step; once it returns true, the result is `None`.
 pub fn evaluate(
     policy: &dyn MeanActions,
     config: &Config,

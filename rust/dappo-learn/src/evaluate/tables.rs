@@ -73,7 +73,7 @@ pub const ALL: &str = "all";
 pub struct Evaluation {
     /// How the policy's damage code came from the damage.
     pub encoding: Encoding,
-    /// What simulated.
+    /// The simulator.
     #[serde(flatten)]
     pub simulator: Simulator,
     /// One entry a class, in canonical order.
@@ -206,14 +206,14 @@ pub struct MeanVelocities {
     classes: Vec<MeanVelocity>,
 }
 
-/// What is read of a [`ClassResult`].
+/// The entries that are read of a [`ClassResult`].
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct MeanVelocity {
     name: String,
     forward_velocity: f64,
 }
 
-/// What is read of an [`Evaluation`].
+/// The entries that are read of an [`Evaluation`].
 #[derive(Deserialize)]
 struct StoredEvaluation {
     classes: Vec<MeanVelocity>,

@@ -1,4 +1,4 @@
-//! Evaluations and comparisons as text for people.
+//! Evaluations and comparisons as text.
 
 use super::bootstrap::{Estimate, Gain};
 use super::comparison::{ComparisonSummary, RunEvaluation, RunSummary, Side};
@@ -147,7 +147,7 @@ impl ComparisonSummary {
     }
 }
 
-/// How far a robot walks in an episode: the forward reward, and the same in units that tell more.
+/// How far a robot walks in an episode: the forward reward, and the same in other units.
 fn walked(forward_reward: f64, forward_velocity: f64, distance: f64) -> String {
     format!("forward reward {forward_reward:.1}, {forward_velocity:.2} m/s, {distance:.1} m an episode")
 }

@@ -1,4 +1,4 @@
-//! Folders that appear whole, go whole, and leave nothing behind.
+//! Folders that appear and disappear as a whole, and leave nothing behind.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, TryLockError};
@@ -16,7 +16,7 @@ const STEM_BYTES: usize = 200;
 const DIGITS: usize = 16;
 const ENDING: &[u8] = b".tmp";
 
-/// Makes a folder if need be, with those it lies in. One that is a link to elsewhere is refused.
+/// Makes a folder if needed, with its parents. A link is refused.
 pub fn own_folder(path: &Path) -> Result<()> {
     let root = folder_of(path);
     fs::create_dir_all(root).map_err(io(root))?;
@@ -27,7 +27,7 @@ pub fn own_folder(path: &Path) -> Result<()> {
     check_folder(path)
 }
 
-/// Fails if something else than a folder lies there: a link may lead to any folder of the user.
+/// Fails if the path is not a folder: a link may point to any folder of the user.
 pub fn check_folder(path: &Path) -> Result<()> {
     let kind = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
@@ -41,7 +41,7 @@ pub fn check_folder(path: &Path) -> Result<()> {
     Err(io(path)(Error::new(ErrorKind::InvalidInput, message)))
 }
 
-/// A folder beside the one that it becomes. It vanishes unless it does.
+/// A temporary folder next to its final place. It is removed unless it is moved there.
 #[derive(Debug)]
 pub struct TemporaryFolder {
     path: PathBuf,
@@ -81,7 +81,7 @@ impl TemporaryFolder {
 
 impl Drop for TemporaryFolder {
     fn drop(&mut self) {
-        // One that was renamed is gone. One that cannot be removed now goes with the next write.
+        // One that was renamed is gone. One that cannot be removed now is removed by the next write.
         let _ = step(|| fs::remove_dir_all(&self.path));
     }
 }
@@ -98,11 +98,11 @@ pub fn check_names(folder: &Path, is_known: impl Fn(&str) -> bool) -> std::resul
     Ok(())
 }
 
-/// Puts a new folder where it belongs, in place of an earlier one.
+/// Moves a new folder to its place, replacing an earlier one.
 #[expect(clippy::needless_pass_by_value, reason = "the earlier folder goes where `new` ends")]
 pub fn replace_folder(new: TemporaryFolder, destination: &Path) -> Result<()> {
     sync_folder(new.path())?;
-    // After an exchange the earlier folder has the temporary name, and goes when `new` does.
+    // After an exchange the earlier folder has the temporary name, and is removed with `new`.
     if !step(|| Ok(exchange(new.path(), destination))).map_err(io(destination))? {
         remove_folder(destination)?;
         rename(new.path(), destination)?;
@@ -110,7 +110,7 @@ pub fn replace_folder(new: TemporaryFolder, destination: &Path) -> Result<()> {
     sync_folder(folder_of(destination))
 }
 
-/// Lets two folders change their names in one step, where the system can do that.
+/// Exchanges the names of two folders in one step, where the system supports that.
 #[cfg(target_os = "linux")]
 fn exchange(one: &Path, other: &Path) -> bool {
     use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -129,7 +129,7 @@ pub fn remove_folder(folder: &Path) -> Result<()> {
         Err(LearnError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => return Ok(()),
         other => other?,
     }
-    // What cannot be removed now goes with the next write.
+    // What cannot be removed now is removed by the next write.
     let _ = step(|| fs::remove_dir_all(&doomed));
     Ok(())
 }
@@ -156,7 +156,8 @@ pub fn sweep(folder: &Path, is_ours: impl Fn(&[u8]) -> bool) {
         let (path, kind) = (entry.path(), entry.file_type());
         let is_folder = kind.is_ok_and(|kind| kind.is_dir());
         let opened = if is_folder { File::open(&path) } else { open_regular(&path).map(|(file, _)| file) };
-        // Whoever is at it has the lock. It is held until the name is gone: who has just made the file cannot take it.
+        // Its user holds the lock, until the name is gone: the process that has just made the file cannot
+        // take it.
         if let Ok(file) = opened
             && file.try_lock().is_ok()
         {
@@ -165,7 +166,7 @@ pub fn sweep(folder: &Path, is_ours: impl Fn(&[u8]) -> bool) {
     }
 }
 
-/// The folder that a file or folder lies in.
+/// The parent of a file or folder.
 #[must_use]
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
@@ -177,7 +178,7 @@ pub fn stem_of(path: &Path) -> &[u8] {
     &name[..name.len().min(STEM_BYTES)]
 }
 
-/// A name that nobody can foresee, in the same folder.
+/// An unpredictable name in the same folder.
 pub(super) fn temporary_name(path: &Path) -> PathBuf {
     // The keys of this hash come from the operating system.
     let number = RandomState::new().build_hasher().finish();

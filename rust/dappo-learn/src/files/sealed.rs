@@ -42,10 +42,10 @@ pub trait Manifest: DeserializeOwned {
     fn seals(&self) -> Vec<(String, Seal)>;
 }
 
-/// What a file is known by.
+/// What identifies a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Seal {
-    /// Its length; some manifests do not say it.
+    /// Its length; some manifests do not contain it.
     pub bytes: Option<u64>,
     /// Of its contents.
     pub checksum: Checksum,
@@ -54,9 +54,9 @@ pub struct Seal {
 /// A checksum of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Checksum {
-    /// Tells accidents.
+    /// Detects accidental changes.
     Crc32(u32),
-    /// In hexadecimal; tells whatever differs.
+    /// In hexadecimal; detects every change.
     Sha256(String),
 }
 
@@ -93,7 +93,7 @@ fn read_to_end(mut file: impl Read, mut take: impl FnMut(&[u8])) -> IoResult<u64
 }
 
 impl Seal {
-    /// Fails, and says how, if the file is another one.
+    /// Fails if the file is another one, with the difference.
     fn check(&self, file: impl Read) -> std::result::Result<(), String> {
         let unreadable = |error: Error| format!("it cannot be read ({error})");
         let (bytes, difference) = match &self.checksum {
@@ -138,7 +138,7 @@ fn parse<M: Manifest, T: DeserializeOwned>(text: &str) -> std::result::Result<T,
     }
 }
 
-/// The entry of a manifest that says what it is.
+/// The entry of a manifest with its format.
 #[derive(Deserialize)]
 struct Format {
     format: Option<String>,
@@ -196,7 +196,7 @@ impl<M: Manifest> SealedFolder<M> {
         Ok(Self { folder: folder.to_owned(), manifest, fingerprint, seals })
     }
 
-    /// Where it lies.
+    /// Its path.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -206,7 +206,7 @@ impl<M: Manifest> SealedFolder<M> {
         self.folder.join(M::NAME)
     }
 
-    /// What its manifest says.
+    /// Its manifest.
     pub fn manifest(&self) -> &M {
         &self.manifest
     }
@@ -262,7 +262,7 @@ impl<M: Manifest> UnsealedFolder<M> {
         self.temporary.path()
     }
 
-    /// Names of the files that have been written, and what `sum` says of each.
+    /// Names of the files that have been written, and the `sum` of each.
     pub fn list<T>(&self, sum: impl Fn(File) -> IoResult<T>) -> Result<BTreeMap<String, T>> {
         let mut files = BTreeMap::new();
         for entry in fs::read_dir(self.path()).map_err(io(self.path()))? {
@@ -288,7 +288,7 @@ impl<M: Manifest> UnsealedFolder<M> {
         write_new(&path, text.map_err(|error| M::FILES.unusable(&path, error))?.as_bytes())
     }
 
-    /// Puts the folder where it belongs.
+    /// Moves the folder to its place.
     pub fn commit(self) -> Result<()> {
         check_replaceable::<M>(&self.destination)?;
         replace_folder(self.temporary, &self.destination)
@@ -321,7 +321,7 @@ pub fn check_replaceable<M: Manifest>(destination: &Path) -> Result<()> {
             return occupied();
         }
         LearnError::Invalid(format!(
-            "{} is no file of {} and would go with the one that is replaced; move it away, or choose another folder",
+            "{} is not a file of {} and would go with the one that is replaced; move it away, or choose another folder",
             foreign.display(),
             M::KIND
         ))

@@ -1,5 +1,5 @@
-//! For the tests of all crates that write files: ends a process, or fills its disk, at any of its calls to the file
-//! system. Nothing else makes a plan, and without one a call costs a look at a cell of its thread.
+//! For the tests of all crates that write files: ends a process, or fills its disk, at any of its calls to
+//! the file system. Nothing else makes a plan, and without one a call only reads a cell of its thread.
 
 use std::cell::Cell;
 use std::io::{Error, ErrorKind, Result};
@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::{env, fs, process};
 
-/// A folder that goes with the test.
+/// A folder that is removed after the test.
 pub struct Scratch(pub PathBuf);
 
 impl Scratch {
@@ -22,7 +22,7 @@ impl Scratch {
         Self(path)
     }
 
-    /// What lies in it, in order.
+    /// Its contents, in order.
     #[must_use]
     pub fn names(&self) -> Vec<String> {
         let entries = fs::read_dir(&self.0).into_iter().flatten().flatten();
@@ -82,7 +82,7 @@ pub fn everywhere<S, T>(
     calls
 }
 
-/// Fails if the plan says so.
+/// Fails if planned.
 pub(super) fn check() -> Result<()> {
     match PLAN.get() {
         None => Ok(()),

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::Value;
 
-/// The entry that says when a line was written, s since 1970.
+/// The entry with the time at which a line was written, s since 1970.
 pub(super) const TIME: &str = "unix_seconds";
 
 /// The entries of a JSON object. `serde_json::Map` would sort them by name.

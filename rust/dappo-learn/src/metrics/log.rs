@@ -55,7 +55,7 @@ struct Stamped<'a, M> {
 }
 
 impl MetricsLog {
-    /// The log in a folder, which need not have begun; `step_key` names the entry that charts are drawn over.
+    /// The log in a folder, which need not have begun; `step_key` is the entry on the x axis of charts.
     #[must_use]
     pub fn new(folder: &Path, step_key: &'static str) -> Self {
         Self { folder: folder.to_owned(), step_key }
@@ -73,7 +73,7 @@ impl MetricsLog {
         let text = serde_json::to_string(&Stamped { metrics, unix_seconds })
             .map_err(|error| LearnError::Invalid(error.to_string()))?;
         let line = Line::parse(&text)
-            .ok_or_else(|| LearnError::Invalid(format!("metrics are no JSON object: {text}")))?;
+            .ok_or_else(|| LearnError::Invalid(format!("metrics are not a JSON object: {text}")))?;
         let file = append(&self.path(JSON_LINES), format!("{text}\n").as_bytes())?;
         // A checkpoint must not outlive the lines that led to it. The copies can be made again.
         file.sync_data().map_err(io(&self.path(JSON_LINES)))?;
@@ -91,7 +91,8 @@ impl MetricsLog {
         })
     }
 
-    /// Drops the lines whose entry `key` is above `last`, and a line cut short by a kill: the run goes on from there.
+    /// Drops the lines whose entry `key` is above `last`, and a line cut short by a kill: the run resumes
+    /// from there.
     pub fn rewind(&self, key: &str, last: u64) -> Result<()> {
         if !self.exists() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The metrics of a run: one source, written for people, for spreadsheets and for TensorBoard.
+//! The metrics of a run: one source, written as text, for spreadsheets and for TensorBoard.
 
 mod csv;
 mod events;

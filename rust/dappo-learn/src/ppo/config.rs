@@ -88,9 +88,9 @@ impl PpoConfig {
     /// A named preset: `paper`, or `batch` for hundreds to thousands of environments.
     ///
     /// `batch` differs in optimisation and in the scale of the damage code. Where simulation is cheap, fewer
-    /// passes over more samples learn sooner; a batch from many environments is less correlated than one from a
-    /// few and bears larger steps and a KL target three times the paper's. A larger damage code is heeded
-    /// sooner: at 1, the policy walked almost as well when it was not told the damage
+    /// passes over more samples learn sooner; a batch from many environments is less correlated than one from
+    /// a few and allows larger steps and a KL target three times the paper's. A larger damage code is heeded
+    /// sooner: at 1, the policy walked almost as well with the code of no damage
     /// (`docs/results/damaged_ant.md`).
     pub fn preset(name: &str) -> Result<Self> {
         match name {

@@ -10,7 +10,7 @@ use dappo_sim::rng::Stream;
 use super::PpoConfig;
 use crate::error::{Result, check_converging};
 
-/// A batch, and the loss that a network is to have on it.
+/// A batch, and the loss of a network on it.
 pub(super) trait Problem<Net> {
     /// Rows of the batch.
     fn rows(&self) -> usize;
@@ -114,7 +114,7 @@ impl Descent<'_, Mlp> {
     }
 }
 
-/// What to do where a training has diverged; who knows the run says more.
+/// What to do where a training has diverged; the caller that has the run adds more.
 const ADVICE: &str = "train with lower learning rates";
 
 /// Fails unless all weights are finite, so that no checkpoint holds a network that is of no use.

@@ -9,8 +9,8 @@ const MAX_KL_COEF: f64 = 35.0;
 const HIGH_KL_COEF: f64 = 30.0;
 const MIN_LR_FACTOR: f64 = 0.1;
 const ADAPTATION_STEP: f64 = 1.5;
-/// Bound of ln ρ from above. Such a ratio means a policy that has moved by several standard deviations; much beyond,
-/// `exp` leaves the finite numbers and the whole training with it. At the bound the ratio stops to depend on the policy.
+/// Bound of ln ρ from above. Such a ratio means a policy that has moved by several standard deviations; much
+/// beyond, `exp` overflows and the training diverges. At the bound the ratio no longer depends on the policy.
 pub(super) const MAX_LOG_RATIO: f64 = 20.0;
 
 /// What one update measured.

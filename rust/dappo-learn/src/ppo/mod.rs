@@ -47,7 +47,7 @@ pub struct Ppo {
 impl Ppo {
     /// A new learner for rows of `obs_dim` numbers, of which the last `code_length` are the damage code.
     ///
-    /// Weights and shuffles are functions of `seed`. `device` says where networks are computed; autodiff
+    /// Weights and shuffles are functions of `seed`. `device` is where networks are computed; autodiff
     /// is added here.
     pub fn new(
         config: &PpoConfig,
@@ -93,7 +93,7 @@ impl Ppo {
         &self.normalizer
     }
 
-    /// The configuration in force.
+    /// The current configuration.
     #[must_use]
     pub fn config(&self) -> &PpoConfig {
         &self.config
@@ -114,8 +114,9 @@ impl Ppo {
 
 /// Networks with autodiff, as optimisers take them.
 ///
-/// burn registers every parameter that requires gradients in a table of the process, which only a backward pass
-/// clears. Where gradients are written out there is none, and each step's new parameters would stay for ever.
+/// burn registers every parameter that requires gradients in a table of the process, which only a backward
+/// pass clears. Where gradients are written out there is none, and each step's new parameters would never be
+/// freed.
 fn trainable(networks: ActorCritic, gradients: Gradients) -> ActorCritic {
     match gradients {
         Gradients::Written => networks.no_grad().train(),

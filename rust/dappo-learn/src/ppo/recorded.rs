@@ -54,8 +54,8 @@ pub(super) struct RecordedPolicy {
 }
 
 impl RecordedPolicy {
-    /// The problem of moving on from `old`, which collected the batch; `probe` names the rows that distances are
-    /// measured on.
+    /// The problem of moving on from `old`, which collected the batch; `probe` lists the rows that distances
+    /// are measured on.
     pub fn new(objective: Objective, old: &GaussianPolicy, batch: &PolicyBatch, probe: Vec<i32>) -> Self {
         let device = old.mean.device().without_autodiff();
         let batch = Rows::new(batch, &device);

@@ -1,4 +1,4 @@
-//! Saving a learner into a directory and loading it back, to the bit.
+//! Saving a learner into a directory and loading it back, bit-identical.
 //!
 //! | file | holds |
 //! |---|---|
@@ -133,7 +133,7 @@ impl Ppo {
     }
 }
 
-/// Reads the header and checks it: what follows takes as much memory as it says.
+/// Reads the header and checks it: it determines how much memory the rest takes.
 fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<Sizes>) -> Result<Header> {
     let path = files.path(LEARNER);
     let text =

@@ -15,8 +15,8 @@ use crate::error::{LearnError, Result};
 use crate::gae::{Targets, explained_variance};
 use crate::rollout::Rollout;
 
-/// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand takes
-/// a fifth of an update, and this many tell the divergence to about one percent.
+/// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand
+/// takes a fifth of an update, and this many give the divergence to about one percent.
 const PROBE_ROWS: usize = 8192;
 
 impl Ppo {

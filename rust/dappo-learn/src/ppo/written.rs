@@ -22,8 +22,8 @@ pub(super) struct WrittenPolicy<'a> {
 }
 
 impl<'a> WrittenPolicy<'a> {
-    /// The problem of moving on from `old`, which collected the batch; `probe` names the rows that distances are
-    /// measured on.
+    /// The problem of moving on from `old`, which collected the batch; `probe` lists the rows that distances
+    /// are measured on.
     pub fn new(
         objective: Objective,
         old: &GaussianPolicy,
@@ -70,8 +70,9 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
             let (sums, gradient) = self.pass.gradient(&parameters, batch.obs, &minibatch, loss);
             (sums, gradient.to_vec())
         };
-        // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only after all
-        // rows. It seldom does: so suppose that it does not, and pass once more with what is known then if it did.
+        // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only
+        // after all rows. It rarely does: so assume that it does not, and pass again with the known
+        // divergence if it did.
         let supposed = objective.kl_slope(0.0);
         let (mut sums, mut gradient) = pass(supposed);
         let kl = sums.iter().map(|sums| sums.kl).sum::<f64>() / count;

@@ -19,7 +19,7 @@ use crate::run_folder::LockedRun;
 
 use session::Session;
 
-/// Whoever watches a training run.
+/// Observer of a training run.
 pub trait Observer {
     /// Called after every iteration.
     fn iteration(&mut self, metrics: &Metrics);
@@ -32,13 +32,13 @@ pub trait Observer {
 pub struct TrainingOutcome {
     /// The trained policy.
     pub policy: Policy,
-    /// Where the run stands.
+    /// Progress of the run.
     pub progress: Progress,
     /// Whether the observer stopped it before its budget was spent.
     pub interrupted: bool,
 }
 
-/// What the folder of a run that goes on is to hold from now on.
+/// What the folder of a resumed run holds from now on.
 pub struct Resumption {
     /// Its configuration.
     pub config: Config,
@@ -46,8 +46,8 @@ pub struct Resumption {
     pub robot: Option<RobotFiles>,
 }
 
-/// Trains until the budget is spent. A run goes on from its newest checkpoint when `resume` is given; one that was
-/// stopped before its first checkpoint begins anew.
+/// Trains until the budget is spent. A run resumes from its newest checkpoint when `resume` is given; one
+/// that was stopped before its first checkpoint starts again.
 pub fn train(
     config: &Config,
     factory: &dyn EnvFactory,
@@ -63,7 +63,7 @@ pub fn train(
         session.save(run)?;
     }
     if let Some(Resumption { config, robot }) = resume {
-        // Only now, when it is certain that the run can go on.
+        // Only now, when it is certain that the run can be resumed.
         if let Some(robot) = robot {
             run.keep_robot(robot)?;
         }
@@ -89,14 +89,15 @@ pub fn train(
     Ok(TrainingOutcome { progress: session.progress, policy: session.ppo.frozen()?.policy, interrupted })
 }
 
-/// Says of a training that has diverged how it can go on: nothing of it has been saved since the newest checkpoint.
+/// Adds to the error of a diverged training how to resume it: nothing of it has been saved since the newest
+/// checkpoint.
 fn with_advice(error: LearnError, config: &Config, run: &LockedRun, iteration: u64) -> LearnError {
     let LearnError::Diverged { what, got, .. } = error else { return error };
     let PpoConfig { learning_rate, value_learning_rate, .. } = config.ppo;
     let advice = format!(
-        "go on from the newest checkpoint with smaller steps, for example with half the learning rates: dappo-batch \
+        "resume from the newest checkpoint with smaller steps, for example with half the learning rates: dappo-batch \
          train --resume {} --set ppo.learning_rate={:?} ppo.value_learning_rate={:?}; if it diverges again, remove the \
-         newest folder in checkpoints/ to go on from the one before",
+         newest folder in checkpoints/ to resume from the one before",
         run.root().display(),
         learning_rate / 2.0,
         value_learning_rate / 2.0

@@ -80,7 +80,7 @@ impl Session {
         self.diverged - before
     }
 
-    /// Evaluates the policy as it is now; `None` once `stop` says so.
+    /// Evaluates the policy as it is now; `None` once `stop` returns true.
     pub fn evaluate(
         &self,
         config: &Config,

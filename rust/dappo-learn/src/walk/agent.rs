@@ -1,4 +1,4 @@
-//! Who acts in a trial, and where the damage code of every step comes from.
+//! The agents of a trial, and where the damage code of every step comes from.
 
 use dappo_sim::rng::{Purpose, Stream};
 use dappo_sim::vector_env::VectorEnv;
@@ -27,15 +27,15 @@ impl MeanActions for dappo_nn::Policy {
 pub enum Agent<'a> {
     /// A policy that observes no damage code.
     Unaware(&'a dyn MeanActions),
-    /// A policy whose damage code is made of the damage in force.
+    /// A policy whose damage code is an encoding of the active damage.
     Encoded(&'a dyn MeanActions, &'a KnownClasses, Encoding),
     /// A policy with the damage code of a given class for each row of the trial, `[rows]`.
     Given(&'a dyn MeanActions, &'a KnownClasses, &'a [usize]),
-    /// A controller that has to find out by itself.
+    /// A controller, which diagnoses the damage.
     Onboard(&'a mut dyn Onboard),
 }
 
-/// Chooses actions as the program of a real robot does: from observations and velocities alone.
+/// Chooses actions as on a real robot: from observations and velocities alone.
 pub trait Onboard {
     /// The next actions of all robots.
     ///
@@ -44,7 +44,7 @@ pub trait Onboard {
     /// - output: `[N, A]`
     fn act(&mut self, obs: &[f32], forward_velocity: &[f64]) -> Result<Vec<f32>>;
 
-    /// What it has noticed and done since the last call.
+    /// Its events since the last call.
     fn take_events(&mut self) -> Vec<Event>;
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Codes<'a> {
 
 enum Source {
     None,
-    /// The class in force.
+    /// The active class.
     InForce,
     /// The class of each episode, `[N]`.
     Held(Vec<usize>),

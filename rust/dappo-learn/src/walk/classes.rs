@@ -7,11 +7,11 @@ use dappo_sim::DamageSpace;
 pub struct KnownClasses {
     /// Names of the robots' damage classes.
     pub names: Vec<String>,
-    /// For each of them the class of the same name that the policy knows, if there is one.
+    /// For each of them the class of the same name that the policy was trained with, if there is one.
     pub known: Vec<Option<usize>>,
     /// The damage code of each of them; that of unknown damage is the one of a healthy robot.
     pub codes: Vec<Vec<f32>>,
-    /// Names of the damage classes that the policy knows.
+    /// Names of the damage classes that the policy was trained with.
     pub known_names: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! How the damage code that a policy observes comes from the damage in force, which stays as it is.
+//! How the damage code that a policy observes is made from the active damage, which is unchanged.
 
 use dappo_sim::rng::Stream;
 use serde::Serialize;
@@ -12,13 +12,13 @@ use crate::error::{LearnError, Result};
 #[derive(EnumString, IntoStaticStr, VariantNames)]
 #[strum(serialize_all = "lowercase")]
 pub enum Encoding {
-    /// The code of the damage in force.
+    /// The code of the active damage.
     True,
     /// The code of the healthy robot: all zeros.
     Zero,
     /// The code of another class, drawn uniformly among the other classes once an episode.
     Wrong,
-    /// Noise: every entry is 0 or 1 with equal probability, drawn anew each step.
+    /// Noise: every entry is 0 or 1 with equal probability, drawn in each step.
     Random,
 }
 

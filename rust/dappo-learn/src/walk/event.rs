@@ -18,13 +18,13 @@ pub struct Event {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum EventKind {
-    /// The robot does not do what was expected of it: an examination begins.
+    /// The robot does not move as expected: an examination begins.
     Suspected {
         /// Mean forward velocity over the last steps, m/s.
         forward_velocity: f64,
-        /// Forward velocity of the class that the policy is told, m/s.
+        /// Forward velocity of the assumed class, m/s.
         expected: f64,
-        /// Median residual over the last steps; none if the twin does not walk along.
+        /// Median residual over the last steps; none without a twin.
         residual: Option<f64>,
     },
     /// An examination has ended.
@@ -33,18 +33,18 @@ pub enum EventKind {
         class: usize,
         /// Its probability.
         confidence: f32,
-        /// Whether that was enough to believe it.
+        /// Whether that was enough to accept it.
         accepted: bool,
     },
-    /// From now on the policy is told another class.
+    /// The assumed class changes.
     Adapted {
         /// The class.
         class: usize,
     },
-    /// A diagnosis explains the robot no better than no damage does: it is broken in a way that has no class, and the
-    /// policy is told that it is healthy.
+    /// A diagnosis explains the robot no better than no damage does: it is broken in a way that has no class,
+    /// and the assumed class is healthy again.
     Withdrawn {
-        /// The class that had been named.
+        /// The diagnosed class.
         class: usize,
         /// Median residual of the twin with its damage.
         residual: f64,

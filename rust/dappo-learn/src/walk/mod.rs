@@ -51,7 +51,8 @@ pub fn onset_at(step: usize, config: &Config, factory: &dyn EnvFactory) -> Resul
 }
 
 impl Trial {
-    /// The episodes of an evaluation of these damage classes, as the section `[evaluation]` says.
+    /// The episodes of an evaluation of these damage classes, with the settings of the section
+    /// `[evaluation]`.
     #[must_use]
     pub fn of_evaluation(classes: Vec<usize>, config: &Config) -> Self {
         Self {
@@ -63,9 +64,9 @@ impl Trial {
         }
     }
 
-    /// Lets an agent walk all episodes to their end, at once.
+    /// Runs all episodes to their end with an agent, at once.
     ///
-    /// `stop` is asked before every step; once it says yes, the result is `None`.
+    /// `stop` is called before every step; once it returns true, the result is `None`.
     pub fn run(
         &self,
         agent: &mut Agent<'_>,

@@ -202,7 +202,8 @@ fn evaluation(act: impl Fn(usize, usize) -> [f32; 2]) -> Evaluation {
 #[test]
 fn falls_and_divergences_are_counted_in_their_own_class_and_once() {
     let found = evaluation(|class, step| match (class, step) {
-        // Class 5 falls in its first step, class 3 diverges in its second; what they ask for later is not done.
+        // Class 5 falls in its first step, class 3 diverges in its second; their later actions have no
+        // effect.
         (5, 0) => [0.5, 1.0],
         (3 | 5, 1..) => [0.5, 2.0],
         _ => [0.5, 0.0],
@@ -257,19 +258,19 @@ fn without_another_class_there_is_no_wrong_code() {
 }
 
 #[test]
-fn an_evaluation_that_is_asked_to_stop_has_no_result() {
+fn a_stopped_evaluation_has_no_result() {
     let policy = Recorder::new(|_, _| [1.0, 0.0]);
-    let asked = RefCell::new(0);
+    let calls = RefCell::new(0);
     let stop = || {
-        *asked.borrow_mut() += 1;
-        *asked.borrow() > 2
+        *calls.borrow_mut() += 1;
+        *calls.borrow() > 2
     };
     let found = evaluate(&policy, &config(1, true), Encoding::True, &Factory::new(2), &stop).unwrap();
     assert_eq!((found, policy.seen.borrow().len()), (None, 2));
 }
 
 #[test]
-fn tables_are_written_beside_each_other_by_what_the_policy_was_told() {
+fn every_encoding_has_a_table_of_its_own() {
     let factory = Factory::new(1);
     let root = scratch("tables");
     let run = create(&root, 0).unwrap();
@@ -315,7 +316,7 @@ fn evaluations_of_other_episodes_cannot_stand_beside_each_other() {
     // Neither the number of episodes nor what the policy observes changes an episode.
     first.check("a", "b", &conditions(&config(5, false), &one)).unwrap();
     let refused = first.check("a", "b", &conditions(&config(2, true), &other)).unwrap_err().to_string();
-    assert!(refused.contains("b cannot be evaluated beside a"), "{refused}");
+    assert!(refused.contains("b cannot be evaluated together with a"), "{refused}");
     assert!(refused.contains("its `damage.max_damaged_limbs` is `2`, expected `1`"), "{refused}");
     let mut weaker = config(2, true);
     weaker.damage.severity = 0.5;

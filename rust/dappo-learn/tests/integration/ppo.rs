@@ -1,4 +1,4 @@
-//! The learner as a whole: it learns, it resumes to the bit, it does not depend on threads.
+//! The learner as a whole: it learns, resuming is bit-identical, it does not depend on threads.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Processes that want the same run folder.
+//! Processes that use the same run folder.
 
 use std::path::{Path, PathBuf};
 use std::sync::Barrier;
@@ -18,7 +18,7 @@ pub fn scratch(name: &str) -> PathBuf {
     root
 }
 
-/// A run that can be told by its seed.
+/// A run that is identified by its seed.
 pub fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
     let meta = Meta {
         version: "0".into(),

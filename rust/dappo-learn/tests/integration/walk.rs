@@ -17,7 +17,7 @@ fn run(trial: &Trial, mut agent: Agent<'_>) -> Walks {
     trial.run(&mut agent, &config(2, true), &Factory::new(2), &|| false).unwrap().unwrap()
 }
 
-/// The codes shown in the first and in the last step, `[N]` each; the damage in force is the robot's own.
+/// The codes shown in the first and in the last step, `[N]` each; the active damage is the robot's own.
 fn first_and_last(seen: &[Vec<f32>], classes: &[usize]) -> [Vec<Vec<f32>>; 2] {
     assert_eq!(seen.len(), STEPS);
     [(0, false), (STEPS - 1, true)].map(|(step, is_damaged)| {
@@ -49,7 +49,7 @@ fn damage_that_the_policy_was_not_trained_with_has_the_code_of_none() {
     let types = vec!["weak_motor".into(), "missing_toe".into()];
     let trained_with = DamageSpace::new(4, types, 1).unwrap();
     let known = KnownClasses::new(&trained_with, Factory::new(2).space());
-    // The robots' classes 1 and 2 are jammed_joint@0 and missing_toe@0, of which the policy knows the second.
+    // The robots' classes 1 and 2 are jammed_joint@0 and missing_toe@0, of which the policy has the second.
     let (classes, policy) = ([1, 2], Recorder::new(|_, _| [1.0, 0.0]));
     run(&trial(&classes, Kept::Sums), Agent::Encoded(&policy, &known, Encoding::True));
     let [_, last] = first_and_last(&policy.seen.into_inner(), &classes);

@@ -2,18 +2,18 @@
 
 use dappo_sim::simd::{self, Simd};
 
-/// An instruction set that this machine is known to have.
+/// An instruction set that this machine has.
 ///
-/// A value exists only if the machine was asked first, which is what makes calling the corresponding
+/// A value exists only if the machine was checked first, which is what makes calling the corresponding
 /// kernel sound.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Level(Simd);
 
 impl Level {
-    /// The widest level of this machine, or the one that the environment variable `DAPPO_SIMD` names, as the lane
-    /// engine has it. A name that this machine does not know is refused where a learner is made
-    /// ([`LearnerDevice::open`](crate::LearnerDevice::open)), and counts for nothing here. The products that the `gemm`
-    /// crate computes are out of its reach: that crate asks the machine itself.
+    /// The widest level of this machine, or the one that the environment variable `DAPPO_SIMD` selects, as
+    /// the lane engine has it. A name that this machine does not support is refused where a learner is made
+    /// ([`LearnerDevice::open`](crate::LearnerDevice::open)), and counts for nothing here. The products that
+    /// the `gemm` crate computes are out of its reach: that crate detects it itself.
     #[must_use]
     pub fn chosen() -> Self {
         simd::chosen().map_or_else(|_| Self::best(), Self)

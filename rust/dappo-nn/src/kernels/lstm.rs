@@ -45,7 +45,7 @@ pub struct Activations {
     blocks: Vec<BlockActivations>,
 }
 
-/// What a block of M windows of T steps leaves behind.
+/// The stored results of a block of M windows of T steps.
 #[derive(Debug, Clone)]
 struct BlockActivations {
     /// `[M, T, 4 H]`
@@ -107,7 +107,7 @@ fn parallel_product(level: Level, a: Matrix<'_>, b: Matrix<'_>) -> Vec<f32> {
     out
 }
 
-/// The last hidden state of every window of `x`, and what [`backward`] needs if `keep` says so.
+/// The last hidden state of every window of `x`, and what [`backward`] needs if `keep` is set.
 ///
 /// # Shapes
 /// parameters `[sizes.parameter_count()]`, x `[B, T, F]`, out `[B, H]`

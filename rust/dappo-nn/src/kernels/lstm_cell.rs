@@ -20,7 +20,7 @@ use super::level::for_every_level;
 /// Units computed at once by the backward pass.
 const LANES: usize = 16;
 
-/// What a block of M windows of T steps leaves behind; H is the width of the hidden state.
+/// The stored results of a block of M windows of T steps; H is the width of the hidden state.
 pub(super) struct Block<'a> {
     /// Gates `[M, T, 4 H]`: first what enters them without bias, then their activations.
     pub gates: &'a mut [f32],

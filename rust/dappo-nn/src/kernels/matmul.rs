@@ -123,7 +123,7 @@ pub fn matmul_strided(
         };
         // SAFETY: a `Level` of this kind exists only if the machine reported AVX-512 F, and every such machine has FMA.
         // The constructors of `Matrix` checked that the last number of the last row exists, and a transpose exchanges
-        // rows with columns and their strides together; the assertion above says the same of `out`, which is borrowed
+        // rows with columns and their strides together; the assertion above ensures the same for `out`, which is borrowed
         // mutably and so overlaps neither.
         unsafe { product.run() };
         return;
@@ -188,8 +188,9 @@ mod tests {
         }
     }
 
-    /// Products of whole numbers, which no order of summation rounds, with every number of rows and columns that are
-    /// left over beside full tiles, and long inner dimensions; what lies behind the destination stays as it is.
+    /// Products of whole numbers, which no order of summation rounds, with every number of rows and columns
+    /// that are left over next to full tiles, and long inner dimensions; what lies behind the destination
+    /// stays as it is.
     #[test]
     fn products_of_every_shape_equal_their_definition_and_write_nothing_else() {
         let number = |index: usize| ((index * 7 + 3) % 11) as f32 - 5.0;

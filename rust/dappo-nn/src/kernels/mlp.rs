@@ -148,8 +148,8 @@ struct Block {
     gradients: [Vec<f32>; 2],
 }
 
-/// The way of minibatches through an MLP and back: a block of rows goes forwards, through the loss and back while it
-/// is in cache. Buffers are made once and used again for every block and minibatch.
+/// The passes of minibatches through an MLP and back: a block of rows goes forwards, through the loss and
+/// back while it is in cache. Buffers are allocated once and reused for every block and minibatch.
 #[derive(Debug)]
 pub struct MlpPass {
     level: Level,
@@ -167,8 +167,8 @@ impl MlpPass {
         Self { level, sizes, sums: Vec::new(), idle: Mutex::default() }
     }
 
-    /// What `of` says of the MLP's output, block by block, for the rows `order` of `data`. `of` receives the block's
-    /// part of `order` and the output there.
+    /// The values of `of` for the MLP's output, block by block, for the rows `order` of `data`. `of` receives
+    /// the block's part of `order` and the output there.
     ///
     /// # Shapes
     /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `of`: `[B]`, `[B, outputs]`
@@ -195,9 +195,9 @@ impl MlpPass {
             .collect()
     }
 
-    /// The gradient of the parameters, laid out as they are, and what `loss` says of each block of the rows `order`
-    /// of `data`. `loss` receives the block's part of `order` and the output there, and writes the gradient of the
-    /// output.
+    /// The gradient of the parameters, laid out as they are, and the `loss` of each block of the rows `order`
+    /// of `data`. `loss` receives the block's part of `order` and the output there, and writes the gradient
+    /// of the output.
     ///
     /// # Shapes
     /// parameters `[parameter_count(sizes)]`, data `[…, inputs]`, order `[M]`; `loss`: `[B]`, `[B, outputs]`,

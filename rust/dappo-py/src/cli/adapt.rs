@@ -22,16 +22,16 @@ use crate::factory::TableFactory;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
 
-/// A robot, and what its controller believes about it.
+/// A robot, and the parts of its controller.
 struct Scene {
     folder: RunFolder,
     config: Config,
     parts: Parts,
     /// The run of `--unaware`.
     unaware: Option<OpenRun>,
-    /// Compiles the twins: what the controller knows.
+    /// Compiles the twins, with the damage classes of the controller.
     known: TableFactory,
-    /// Compiles the robot: it may be damaged in ways that the controller does not know.
+    /// Compiles the robot: its damage may have no class of the controller.
     real: TableFactory,
     /// The damage classes of the robot, and which ones of the controller's they are.
     classes: KnownClasses,
@@ -79,7 +79,7 @@ impl Scene {
         let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
         let parts = arguments.controller.parts(py, &run)?;
         let unaware = arguments.unaware.as_deref();
-        let unaware = unaware.map(|unaware| run.open_beside(py, unaware, false)).transpose()?;
+        let unaware = unaware.map(|unaware| run.open_other(py, unaware, false)).transpose()?;
         let OpenRun { folder, mut config, .. } = run;
         settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
         let known = TableFactory::compile(py, &config)?;
@@ -99,7 +99,7 @@ impl Scene {
         let classes = match &arguments.damage {
             Some(damage) => vec![space.parse(damage)?],
             None if arguments.all_classes => (0..space.classes().len()).collect(),
-            // The command line knows that by itself.
+            // The command line checks this itself.
             None => {
                 return Err(LearnError::Invalid(
                     "give a damage, or all_classes for every one in turn".into(),
@@ -115,7 +115,7 @@ impl Scene {
         })
     }
 
-    /// Lets all agents walk; `None` when interrupted.
+    /// Runs all agents; `None` when interrupted.
     fn walk(
         &self,
         wanted: ControllerConfig,
@@ -141,7 +141,7 @@ impl Scene {
         Ok(policy)
     }
 
-    /// Forms the summary and writes the files that were asked for.
+    /// Forms the summary and writes the requested files.
     fn conclude(&self, arguments: &AdaptArgs, trial: &Trial, contest: &Contest) -> Result<AdaptationSummary> {
         let summary = AdaptationSummary::new(trial, &self.classes, contest)?;
         if arguments.all_classes {

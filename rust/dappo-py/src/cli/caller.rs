@@ -1,4 +1,4 @@
-//! Who gave a command: a person or script at a terminal, or a Python program in this process.
+//! The caller of a command: a terminal, or a Python program in this process.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -16,7 +16,7 @@ pub enum Caller {
     Terminal,
     /// Objects go to the thread that waits, which raises the flag to stop the command.
     Program {
-        /// Texts of the objects, each with the one who waits until it has been answered.
+        /// Texts of the objects, each with the sender of its answer.
         objects: Sender<(String, Sender<()>)>,
         /// Whether to stop.
         stop: Arc<AtomicBool>,
@@ -24,7 +24,7 @@ pub enum Caller {
 }
 
 impl Caller {
-    /// Hands an object over. One that nobody waits for is no error of the command.
+    /// Sends an object. Without a receiver, this is no error of the command.
     pub fn object(&self, object: &impl Serialize) {
         let text = match serde_json::to_string(object) {
             Ok(text) => text,
@@ -35,14 +35,15 @@ impl Caller {
             Self::Program { objects, .. } => {
                 let (answered, answer) = channel();
                 if objects.send((text, answered)).is_ok() {
-                    // The answer comes from Python. Whoever is told of an iteration can stop the command at it.
+                    // The answer comes from Python. A callback can stop the command at the iteration that it
+                    // receives.
                     Python::attach(|py| py.detach(move || _ = answer.recv()));
                 }
             }
         }
     }
 
-    /// The flag that says when to stop.
+    /// The flag that stops the command.
     pub fn watch(&self) -> PyResult<Arc<AtomicBool>> {
         match self {
             Self::Terminal => signals::watch(),
@@ -50,7 +51,7 @@ impl Caller {
         }
     }
 
-    /// Ends the watch before Python code runs, which Ctrl-C ends with a `KeyboardInterrupt`.
+    /// Restores Ctrl-C before Python code runs, which it ends with a `KeyboardInterrupt`.
     pub fn leave_to_python(&self, py: Python<'_>) -> PyResult<()> {
         match self {
             Self::Terminal => signals::leave_to_python(py),

@@ -1,7 +1,7 @@
 //! Writing to the terminal.
 //!
-//! What cannot be written to standard output makes the command fail, but only at its end: whoever waits for a training
-//! wants its run folder all the same. A closed pipe is no failure: whoever read it has seen enough.
+//! What cannot be written to standard output makes the command fail, but only at its end: the run folder of a
+//! training is completed all the same. A closed pipe is no failure: its reader needs no more.
 
 use std::io::{self, ErrorKind, Write};
 use std::sync::{Mutex, PoisonError};
@@ -32,7 +32,7 @@ pub fn write_line(line: &str) {
     print(&format!("{line}\n"));
 }
 
-/// Notes that something could not be written.
+/// Stores that something could not be written.
 pub fn remember(written: io::Result<()>) {
     if let Err(error) = written
         && error.kind() != ErrorKind::BrokenPipe
@@ -50,7 +50,7 @@ pub fn finish() -> Result<(), String> {
 
 /// Prints a note to standard error.
 pub fn write_note(line: &str) {
-    // Where this fails there is no place left to say so.
+    // If this fails, there is nowhere left to report it.
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 

@@ -29,7 +29,7 @@ pub fn run(py: Python<'_>, arguments: &ExportArgs, caller: &Caller) -> PyResult<
         }
     })?;
     let export = Export::open(staged.folder()).or_raise()?;
-    // The copy must do without anything that lies beside the original.
+    // The copy must not need anything next to the original.
     controller::open_export(py, &export, 1)
         .map_err(|error| raise(Kind::Config, format!("the robot cannot be exported: {}", error.value(py))))?;
     staged.commit().or_raise()?;

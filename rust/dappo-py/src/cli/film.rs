@@ -15,7 +15,7 @@ use crate::factory::{TableFactory, to_python};
 
 /// What acts, as far as the captions show it.
 pub enum Walker {
-    /// A controller, whose events are shown, and the names of the damage classes that it knows.
+    /// A controller, whose events are shown, and the names of its damage classes.
     Controller(Vec<String>),
     /// A policy; the text describes it.
     Policy(&'static str),

@@ -39,12 +39,12 @@ pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
             outcome.unwrap_or_else(|error| report(py, &error))
         }
         Err(error) => {
-            let asked = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
+            let is_help = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
             let printed = error.print();
-            if asked {
+            if is_help {
                 console::remember(printed);
             }
-            if asked { 0 } else { BAD_USAGE }
+            if is_help { 0 } else { BAD_USAGE }
         }
     };
     let code = match console::finish() {
@@ -54,7 +54,7 @@ pub fn run_cli(py: Python<'_>, argv: Vec<OsString>) -> i32 {
         }
         Ok(()) => code,
     };
-    // A Ctrl-C that a command has answered by itself still waits in Python, which would end with a trace.
+    // A Ctrl-C that a command has handled is still pending in Python, which would end with a traceback.
     if py.check_signals().is_err() { INTERRUPTED } else { code }
 }
 

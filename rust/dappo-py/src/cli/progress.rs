@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::Caller;
 use super::console::write_note;
 
-/// A progress bar, unless it is to be hidden.
+/// A progress bar, unless hidden.
 pub fn bar(length: u64, is_shown: bool) -> ProgressBar {
     let bar = if is_shown { ProgressBar::new(length) } else { ProgressBar::hidden() };
     if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3}%  {msg}  {elapsed} < {eta}") {
@@ -19,7 +19,7 @@ pub fn bar(length: u64, is_shown: bool) -> ProgressBar {
     bar
 }
 
-/// Shows a person a progress bar, or hands objects to a program, and passes Ctrl-C on.
+/// Shows a progress bar, or passes objects to a program, and forwards Ctrl-C.
 pub struct Watch<'a> {
     bar: ProgressBar,
     /// Gets the objects.

@@ -22,7 +22,7 @@ pub fn resolve(py: Python<'_>, arguments: &ConfigArgs) -> PyResult<Config> {
     let mut layers = Layers::default();
     let default: String = robots.getattr("DEFAULT_ROBOT")?.extract()?;
     layers.set("robot", default).or_raise()?;
-    // What the shipped configurations say, too: robots of one's own are simulated in as large batches.
+    // As in the shipped configurations: robots of one's own are simulated in as large batches.
     layers.set("ppo.preset", "batch").or_raise()?;
     if arguments.config.is_none() {
         // The configuration that comes with the robot: its file name and text.
@@ -60,7 +60,7 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     layers.assign(&arguments.set)
 }
 
-/// Settles the devices and compiles the robot of a training. All that can be known to be wrong is refused here, before
+/// Settles the devices and compiles the robot of a training. All detectable errors are refused here, before
 /// there is a run folder.
 pub fn ready(py: Python<'_>, config: &mut Config) -> PyResult<TableFactory> {
     config.env.device = training_device(config).or_raise()?;
@@ -71,7 +71,7 @@ pub fn ready(py: Python<'_>, config: &mut Config) -> PyResult<TableFactory> {
     Ok(factory)
 }
 
-/// Checks what only the robot can tell: the name of the reward, the damages of every stage, and the memory.
+/// Checks what depends on the robot: the name of the reward, the damages of every stage, and the memory.
 fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> {
     factory.robot().reward(config.env.reward.as_deref())?;
     for (index, stage) in config.curriculum.iter().enumerate() {
@@ -83,7 +83,7 @@ fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> 
     factory.check_memory(config)
 }
 
-/// The device that a training means. Who asks for a backend of the CPU, or for its double precision, means the CPU.
+/// The device of a training. A backend of the CPU, or its double precision, implies the CPU.
 fn training_device(config: &Config) -> Result<Device, SimError> {
     let is_for_the_cpu = config.env.backend != BackendKind::Auto || config.env.precision == Precision::F64;
     if config.env.device == Device::Auto && is_for_the_cpu {
@@ -94,7 +94,7 @@ fn training_device(config: &Config) -> Result<Device, SimError> {
 
 /// Lays flags over the settings of an earlier run.
 pub fn simulate_with(arguments: &SimulationArgs, config: &mut Config) -> dappo_learn::Result<()> {
-    // Threads are a matter of this machine, not of the one that trained.
+    // Threads depend on this machine, not on that of the training.
     config.env.threads = arguments.threads();
     arguments.room.lay_over(&mut config.env);
     if let Some(backend) = arguments.backend {

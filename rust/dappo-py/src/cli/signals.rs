@@ -1,5 +1,5 @@
-//! Ctrl-C, `kill` and a closed terminal: the first signal asks to stop in good order, a second Ctrl-C or `kill` ends the
-//! program at once.
+//! Ctrl-C, `kill` and a closed terminal: the first signal stops in good order, a second Ctrl-C or `kill` ends
+//! the program at once.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

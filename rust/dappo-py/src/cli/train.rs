@@ -23,7 +23,7 @@ use crate::keywords::Flags;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
 
-/// Settings that are no part of a run: another machine may go on with it.
+/// Settings that are no part of a run: another machine may resume it.
 const OF_MACHINE: [&str; 2] = ["env.threads", "ppo.device"];
 
 pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Caller) -> PyResult<i32> {
@@ -31,7 +31,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         let (run, resumption, config) = reopen(py, folder, arguments)?;
         (config, Some((run, resumption)))
     } else {
-        // The command line knows that by itself.
+        // The command line checks this itself.
         if arguments.robot_changed.is_some() {
             return Err(raise(Kind::Config, "robot_changed cannot be used without resume"));
         }
@@ -39,7 +39,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     };
     let pool = Pool::new(config.env.threads)?;
     let factory = settings::ready(py, &mut config)?;
-    // A later version of this program may choose otherwise, but a run goes on with the backend it began with.
+    // A later version of this program may choose otherwise, but a run keeps the backend it began with.
     config.env.backend = factory.backend_kind();
     let (run, resumption) = match resumed {
         Some((run, resumption)) => (run, Some(resumption)),
@@ -56,14 +56,14 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     watch.finish();
     if display.diverged > 0 && !arguments.json {
         note!(
-            "divergences of the physics: {}; each ended its episode, and `diverged` in metrics.jsonl says when",
+            "divergences of the physics: {}; each ended its episode, see `diverged` in metrics.jsonl",
             display.diverged
         );
     }
     let outcome = outcome?;
     if outcome.interrupted {
         note!(
-            "interrupted and saved at {} env steps; go on with: dappo-batch train --resume {}",
+            "interrupted and saved at {} env steps; resume with: dappo-batch train --resume {}",
             outcome.progress.env_steps,
             run.root().display()
         );
@@ -85,9 +85,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     Ok(0)
 }
 
-/// Opens a run to go on with; `--steps` may extend its budget, `--set` change some settings, and another machine may
-/// have other threads and devices of networks. The last part is the configuration for this machine, with the robot to
-/// compile.
+/// Opens a run to resume; `--steps` may extend its budget, `--set` change some settings, and another machine
+/// may have other threads and devices of networks. The last part is the configuration for this machine, with
+/// the robot to compile.
 fn reopen(py: Python<'_>, folder: &Path, arguments: &TrainArgs) -> PyResult<(LockedRun, Resumption, Config)> {
     let OpenRun { folder, config: simulated, robot, is_kept, .. } =
         OpenRun::open(py, folder, arguments.robot_changed)?;

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use crate::pool::Pool;
 use crate::vector_env::not_contiguous;
 
-/// What this program makes of the networks of an export folder.
+/// The networks of an export folder as this program computes them.
 #[pyclass(name = "ExportedNetworks", module = "dappo_batch._core")]
 pub struct PyExportedNetworks {
     skills: Skills,

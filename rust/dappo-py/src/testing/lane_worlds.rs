@@ -91,7 +91,7 @@ impl PyLaneWorlds {
     }
 }
 
-/// The lane engine's view of a class table; any robot that it does not know is refused.
+/// The lane engine's view of a class table; any robot that it does not support is refused.
 fn lane_table(table: &Bound<'_, PyAny>) -> PyResult<LaneTable> {
     ClassTable::read(table)?.lane_table(BackendKind::Lanes)?.map_err(|note| raise(Kind::Config, note))
 }

@@ -1,4 +1,4 @@
-//! The device step by step, led by the vector env: for evaluations, controllers, records and comparisons.
+//! The device step by step, driven by the vector env: for evaluations, controllers, records and comparisons.
 
 use dappo_sim::backend::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class};
 use dappo_sim::terms::Task;
@@ -16,11 +16,11 @@ pub struct WarpBackend {
     task: Task,
     num_classes: usize,
     classes: Vec<usize>,
-    /// Numbers that the physics of an env goes on from.
+    /// Length of the state of the physics of an env.
     row: usize,
 }
 
-/// What a step led to, copied from the device.
+/// The results of a step, copied from the device.
 struct StepOutcome {
     obs: Vec<f32>,
     rewards: Vec<f32>,

@@ -26,7 +26,7 @@ pub struct WarpEngine {
     num_envs: usize,
     num_classes: usize,
     horizon: usize,
-    /// Numbers that the physics of an env goes on from.
+    /// Length of the state of the physics of an env.
     row: usize,
     diverged: u64,
 }

@@ -21,7 +21,7 @@ pub struct Room {
     pub nconmax: Option<usize>,
 }
 
-/// The device that a wish means on this machine: `auto` becomes another one, and one that cannot be used is an error.
+/// Resolves a requested device on this machine: `auto` becomes another one, and an unusable one is an error.
 pub fn resolve(wish: Device) -> Result<Device, SimError> {
     if wish == Device::Cpu {
         return Ok(wish);
@@ -62,9 +62,9 @@ impl Drop for Handle {
             return std::mem::forget(object);
         }
         let is_finalizing = |py: Python<'_>| py.import("sys")?.call_method0("is_finalizing")?.extract();
-        // An interpreter that ends lets no other thread in.
+        // An interpreter that is shutting down runs no other thread.
         if !Python::attach(is_finalizing).unwrap_or(true) {
-            // Whatever Warp says about memory that it frees, nobody is left to hear it.
+            // An error of Warp while it frees memory has no receiver left.
             let _ = undisturbed(move |_| {
                 drop(object);
                 Ok(())
@@ -77,8 +77,8 @@ fn devices(py: Python<'_>) -> PyResult<Bound<'_, PyModule>> {
     py.import("dappo_batch.devices")
 }
 
-/// Runs Python code in a thread of its own. Python raises Ctrl-C in its main thread alone, so it cannot end a step
-/// halfway; whoever waits here may hold the GIL or not.
+/// Runs Python code in a thread of its own. Python raises Ctrl-C in its main thread alone, so it cannot end a
+/// step halfway; the calling thread may hold the GIL or not.
 fn undisturbed<T: Send>(work: impl FnOnce(Python<'_>) -> PyResult<T> + Send) -> Result<T, SimError> {
     let run = || {
         std::thread::scope(|scope| {
@@ -91,11 +91,11 @@ fn undisturbed<T: Send>(work: impl FnOnce(Python<'_>) -> PyResult<T> + Send) -> 
     Python::attach(|py| py.detach(run))
 }
 
-/// What an exception of Warp or of the kernels means for a user.
+/// An exception of Warp or of the kernels as an error for a user.
 fn explain(py: Python<'_>, error: &PyErr) -> SimError {
     if is_ours(py, error) {
         return to_sim(py, error);
     }
-    let told = devices(py).and_then(|module| module.call_method1("explain", (error.value(py),))?.extract());
-    SimError::Device(told.unwrap_or_else(|_| error.to_string()))
+    let text = devices(py).and_then(|module| module.call_method1("explain", (error.value(py),))?.extract());
+    SimError::Device(text.unwrap_or_else(|_| error.to_string()))
 }

@@ -46,7 +46,7 @@ pub struct Layout {
 pub struct Reset {
     /// Index of the env.
     pub env: usize,
-    /// Damage class in force from the start.
+    /// Damage class that is active from the start.
     pub class: usize,
     /// Random key of the env.
     pub key: u64,
@@ -111,7 +111,7 @@ pub trait Backend: Send + Sync {
     /// Starts new episodes and writes their first observations. An env appears at most once.
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError>;
 
-    /// Changes the damage class of running episodes; the state of the env goes on.
+    /// Changes the damage class of running episodes; the state of the env is kept.
     fn set_classes(&mut self, changes: &[(usize, usize)]) -> Result<(), SimError>;
 
     /// Advances every env by one env step, except those marked in `skip`, whose outputs are left alone.
@@ -130,8 +130,8 @@ pub trait Backend: Send + Sync {
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
     fn state(&self, qpos: &mut [f64], qvel: &mut [f64]) -> Result<(), SimError>;
 
-    /// Puts every env, except those marked in `skip`, into a given state at rest from forces (as after a reset) and
-    /// observes it. A backend of single precision rounds the state.
+    /// Sets every env, except those marked in `skip`, to a given state at rest from forces (as after a reset)
+    /// and observes it. A backend of single precision rounds the state.
     ///
     /// # Shapes
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
@@ -158,12 +158,13 @@ pub struct BackendSnapshot {
     pub row: usize,
     /// State rows, `[N, row]`.
     pub rows: Vec<f64>,
-    /// Damage class in force, `[N]`.
+    /// Active damage class, `[N]`.
     pub classes: Vec<usize>,
 }
 
 impl BackendSnapshot {
-    /// Checks that a backend with rows of `row` numbers, `envs` envs and `classes` damage classes can go on from it.
+    /// Checks that a backend with rows of `row` numbers, `envs` envs and `classes` damage classes can
+    /// continue from it.
     pub fn check(&self, row: usize, envs: usize, classes: usize) -> Result<(), SimError> {
         if self.row != row || self.rows.len() != envs * row || self.classes.len() != envs {
             return Err(SimError::Snapshot(format!(
@@ -187,7 +188,7 @@ pub fn check_class(class: usize, classes: usize) -> Result<(), SimError> {
     )))
 }
 
-/// What the policy's action asks of the motors.
+/// The controls of the motors for the policy's action.
 fn control(task: &Task, action: f32) -> f64 {
     task.action_scale * f64::from(action.clamp(-1.0, 1.0))
 }
@@ -200,7 +201,7 @@ fn velocity(task: &Task, before: f64, after: f64) -> f64 {
 /// `mjMAXVAL`: MuJoCo takes a state or an acceleration with a greater entry for diverged.
 const MAX_VALUE: f64 = 1e10;
 
-/// Whether the physics cannot go on from these numbers (`mju_isBad`).
+/// Whether the physics cannot continue from these numbers (`mju_isBad`).
 fn out_of_bounds(values: &[f64]) -> bool {
     values.iter().any(|value| value.is_nan() || value.abs() > MAX_VALUE)
 }

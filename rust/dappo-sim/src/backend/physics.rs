@@ -69,7 +69,7 @@ impl Physics {
     pub fn most_threads(self, num_envs: usize) -> usize {
         match self {
             Self::Lanes(_) | Self::Mujoco => num_envs.max(1),
-            // A device is led by one.
+            // One thread drives a device.
             Self::Warp(_) => 1,
         }
     }
@@ -95,7 +95,7 @@ mod tests {
         for (device, has_lanes, precision, expected) in [
             (Device::Cpu, true, Precision::F32, ["lanes", "f32", "cpu"]),
             (Device::Auto, true, Precision::F64, ["lanes", "f64", "cpu"]),
-            // libmujoco and the kernels have one precision each, whatever is asked for.
+            // libmujoco and the kernels have one precision each, whatever is requested.
             (Device::Cpu, false, Precision::F32, ["mujoco", "f64", "cpu"]),
             (Device::Auto, false, Precision::F64, ["mujoco", "f64", "cpu"]),
             (Device::Cuda, true, Precision::F64, ["warp", "f32", "cuda"]),

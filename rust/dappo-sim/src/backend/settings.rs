@@ -1,4 +1,4 @@
-//! What a user asks for: a device, a backend and a precision. [`Physics`](super::Physics) is what they mean.
+//! What a user requests: a device, a backend and a precision. They resolve to [`Physics`](super::Physics).
 
 use std::str::FromStr;
 
@@ -8,16 +8,16 @@ use strum::{EnumString, IntoStaticStr, VariantNames};
 use super::lanes::LaneTable;
 use crate::error::SimError;
 
-/// The backend that a user asks for.
+/// The backend that a user requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(EnumString, IntoStaticStr, VariantNames)]
 #[strum(serialize_all = "lowercase")]
 pub enum BackendKind {
-    /// The lane engine where it knows everything about the robot, libmujoco otherwise.
+    /// The lane engine where it supports the robot, libmujoco otherwise.
     #[default]
     Auto,
-    /// The lane engine, or an error that says why it cannot.
+    /// The lane engine, or an error with the reason why it cannot.
     Lanes,
     /// libmujoco.
     Mujoco,
@@ -65,8 +65,8 @@ impl BackendKind {
         self.into()
     }
 
-    /// A robot as the lane engine knows it, which `compile` makes, or else why libmujoco simulates it on the
-    /// CPU; empty where nothing else was asked for. Fails where the lane engine was asked for and cannot.
+    /// A robot compiled for the lane engine by `compile`, or else why libmujoco simulates it on the
+    /// CPU; empty where nothing else was requested. Fails where the lane engine was requested and cannot.
     pub fn lane_table(
         self,
         compile: impl FnOnce() -> Result<LaneTable, SimError>,
@@ -141,8 +141,8 @@ mod tests {
     }
 
     #[test]
-    fn who_asks_for_mujoco_gets_it_unasked_questions_included() {
-        let table = BackendKind::Mujoco.lane_table(|| unreachable!("the lane engine was not asked for"));
+    fn the_backend_mujoco_compiles_no_lane_table() {
+        let table = BackendKind::Mujoco.lane_table(|| unreachable!("the lane engine was not requested"));
         assert_eq!(table.unwrap().err().unwrap(), "");
     }
 

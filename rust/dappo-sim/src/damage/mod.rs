@@ -1,6 +1,6 @@
 //! Damages, damage classes and the space of all classes of a robot.
 //!
-//! Rust knows damage types only by name: what a type does to the robot is an edit of its MJCF
+//! Rust has only the names of damage types: what a type does to the robot is an edit of its MJCF
 //! (`python/dappo_batch/damage`), compiled once per class.
 
 mod class;

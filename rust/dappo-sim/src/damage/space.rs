@@ -163,13 +163,13 @@ impl DamageSpace {
         };
         let (name, limb) = part.split_once('@').ok_or_else(|| bad(format!("`{part}` has no `@limb`")))?;
         let kind = self.types.iter().position(|known| known == name).ok_or_else(|| {
-            bad(format!("`{name}` is no damage type of this robot (it has {})", self.types.join(", ")))
+            bad(format!("`{name}` is not a damage type of this robot (it has {})", self.types.join(", ")))
         })?;
         let limb = limb
             .parse::<usize>()
             .ok()
             .filter(|&limb| limb < self.limbs)
-            .ok_or_else(|| bad(format!("`{limb}` is no limb, limbs are 0 to {}", self.limbs - 1)))?;
+            .ok_or_else(|| bad(format!("`{limb}` is not a limb; limbs are 0 to {}", self.limbs - 1)))?;
         Ok(Damage { limb, kind })
     }
 }
@@ -251,7 +251,7 @@ mod tests {
     fn a_wrong_specification_says_what_is_wrong_and_what_exists() {
         let space = space(4, 2, 2);
         for (spec, part) in [
-            ("jam@0", "`jam` is no damage type"),
+            ("jam@0", "`jam` is not a damage type"),
             ("jammed_joint@4", "limbs are 0 to 3"),
             ("jammed_joint", "no `@limb`"),
             ("33", "the classes are 0 to 32"),

@@ -1,4 +1,4 @@
-//! Reads the entries of a table and notes what is wrong with each.
+//! Reads the entries of a table and reports the faults of each.
 
 use std::ops::RangeInclusive;
 
@@ -7,7 +7,7 @@ use toml::{Table, Value};
 /// One table of a robot file while it is checked.
 pub(super) struct Entries<'a, 'f> {
     table: &'a Table,
-    /// Where the table stands; empty for the file itself.
+    /// Place of the table; empty for the file itself.
     place: String,
     found: &'f mut Vec<String>,
     known: Vec<&'static str>,
@@ -18,7 +18,7 @@ impl<'a, 'f> Entries<'a, 'f> {
         Self { table, place, found, known: Vec::new() }
     }
 
-    /// Notes a fault.
+    /// Adds a fault.
     pub fn fault(&mut self, what: &str) {
         let place = if self.place.is_empty() { String::new() } else { format!("{}: ", self.place) };
         self.found.push(format!("{place}{what}"));
@@ -130,7 +130,7 @@ impl<'a, 'f> Entries<'a, 'f> {
         values.iter().enumerate().filter_map(|(index, value)| Some((index, value.as_table()?))).collect()
     }
 
-    /// Notes the entries that nobody asked for.
+    /// Reports the unknown entries.
     pub fn finish(&mut self) {
         let unknown: Vec<String> =
             self.table.keys().filter(|key| !self.known.contains(&key.as_str())).take(8).cloned().collect();

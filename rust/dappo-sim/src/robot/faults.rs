@@ -195,8 +195,10 @@ fn check_rewards(reward: &Table, found: &mut Vec<String>) {
     if let Some(default) = entries.text("default")
         && !names.contains(&default)
     {
-        entries
-            .fault(&format!("`default` is {default:?}, which is none of the rewards ({})", names.join(", ")));
+        entries.fault(&format!(
+            "`default` is {default:?}, which is not one of the rewards ({})",
+            names.join(", ")
+        ));
     }
     for name in names {
         let Some(function) = reward[name].as_table() else {

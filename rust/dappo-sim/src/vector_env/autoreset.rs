@@ -21,7 +21,7 @@ impl VectorEnv {
         self.episodes.iter().map(|episode| episode.ended).collect()
     }
 
-    /// Resets what the mode asks for, after a step.
+    /// Resets the envs according to the mode, after a step.
     pub(super) fn autoreset(&mut self, pending: &[bool]) -> Result<(), SimError> {
         match self.config.autoreset {
             Autoreset::Disabled => {

@@ -40,7 +40,7 @@ pub(super) struct EpisodeStart {
     pub onset: Option<usize>,
 }
 
-/// Where an env stands.
+/// Progress of an env.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Episode {
     /// Random key of the env.
@@ -49,7 +49,7 @@ pub(super) struct Episode {
     pub number: u64,
     /// Steps done.
     pub step: usize,
-    /// Damage class of the episode, in force from `onset` on.
+    /// Damage class of the episode, active from `onset` on.
     pub class: usize,
     /// Step at which the damage strikes.
     pub onset: usize,
@@ -62,7 +62,7 @@ impl Episode {
         Self { key, number: u64::MAX, step: 0, class: 0, onset: 0, ended: false }
     }
 
-    /// Goes on to the next episode.
+    /// Starts the next episode.
     pub fn next(&mut self, classes: &ClassDistribution, onset: Onset, fixed: EpisodeStart) {
         let number = self.number.wrapping_add(1);
         let draw = || classes.at(Stream::new(self.key, number, Purpose::DamageClass).uniform());

@@ -59,7 +59,7 @@ pub struct Buffers {
     pub forward_velocity: Vec<f64>,
     /// Whether the physics diverged in the last step of the env, which is then a failure, `[N]`.
     pub diverged: Vec<bool>,
-    /// Damage class in force, `[N]`; healthy before onset.
+    /// Active damage class, `[N]`; healthy before onset.
     pub damage_class: Vec<i64>,
     /// Step of the episode at which the damage strikes, `[N]`.
     pub damage_onset: Vec<i64>,
@@ -285,7 +285,7 @@ impl VectorEnv {
         }
     }
 
-    /// Lets the damages strike whose step has come. An env that waits for its reset stays as its episode ended.
+    /// Applies the damages whose onset has come. An env that waits for its reset stays as its episode ended.
     fn strike(&mut self) -> Result<(), SimError> {
         let changes: Vec<(usize, usize)> = self
             .episodes
@@ -324,7 +324,7 @@ impl VectorEnv {
         self.backend.reset(resets, ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim })
     }
 
-    /// Writes the class in force into the infos and its code into the observation.
+    /// Writes the active class into the infos and its code into the observation.
     fn show_class(&mut self, env: usize, class: usize) {
         self.buffers.damage_class[env] = class as i64;
         if self.code_length > 0 {
@@ -342,12 +342,12 @@ impl VectorEnv {
         self.backend.state(qpos, qvel)
     }
 
-    /// Puts every env into a given state and refreshes the observations. Episodes go on.
+    /// Sets every env to a given state and refreshes the observations. Episodes continue.
     ///
-    /// Everything else that the state of a robot may hold, such as activations of its actuators, is that of a robot
-    /// at rest. Since this is another state than the one that positions and velocities were read from, a robot with
-    /// more than these is refused unless `at_rest` says that this is meant; [`VectorEnv::restore`] goes back to all
-    /// of it.
+    /// Everything else that the state of a robot may hold, such as activations of its actuators, is that of a
+    /// robot at rest. Since this is another state than the one that positions and velocities were read from,
+    /// a robot with more than these is refused unless `at_rest` is set; [`VectorEnv::restore`] restores
+    /// all of it.
     ///
     /// # Shapes
     /// - `qpos`: `[N, nq]`, `qvel`: `[N, nv]`
@@ -358,8 +358,8 @@ impl VectorEnv {
         let hidden = &self.backend.task().layout().hidden_state;
         if !at_rest && !hidden.is_empty() {
             return Err(SimError::Config(format!(
-                "the state of this robot is more than positions and velocities: {hidden}. Keep all of it with \
-                 save_state and go back with restore_state, or say at_rest=True to begin with it as after a reset"
+                "the state of this robot is more than positions and velocities: {hidden}. Save all of it with \
+                 save_state and restore it with restore_state, or pass at_rest=True to begin with it as after a reset"
             )));
         }
         let skip = vec![false; self.num_envs()];

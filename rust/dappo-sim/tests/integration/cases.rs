@@ -2,7 +2,8 @@
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// The same inputs in every run, or so many times as many others as the environment variable `PROPERTY_TIMES` says.
+/// The same inputs in every run, or so many times as many others as the environment variable `PROPERTY_TIMES`
+/// sets.
 pub fn cases(cases: u32) -> Config {
     let times = std::env::var("PROPERTY_TIMES").map_or(1, |times| times.parse().unwrap());
     Config {

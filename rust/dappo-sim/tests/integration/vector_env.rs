@@ -112,7 +112,7 @@ fn without_autoreset_an_ended_env_stands_still_until_a_masked_reset() {
 }
 
 #[test]
-fn a_damage_whose_step_comes_after_the_end_of_the_episode_strikes_nobody() {
+fn a_damage_whose_step_comes_after_the_end_of_the_episode_has_no_effect() {
     for mode in [Autoreset::Disabled, Autoreset::NextStep] {
         let mut env =
             make(VectorEnvConfig { onset: Onset { first: 1, last: 1 }, ..config(2, mode) }).unwrap();

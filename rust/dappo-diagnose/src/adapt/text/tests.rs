@@ -4,7 +4,7 @@ use dappo_learn::walk::{Episode, Kept, Walks};
 use dappo_sim::vector_env::Onset;
 
 use super::*;
-use crate::adapt::GivenClass;
+use crate::adapt::AssumedClass;
 
 fn trial(episodes: usize) -> Trial {
     let onset = Onset { first: 300, last: 300 };
@@ -40,7 +40,7 @@ fn healthy() -> ClassOutcome {
         median_delay: None,
         right_at_first: 0,
         right_at_last: 3,
-        given: Vec::new(),
+        assumed: Vec::new(),
         examinations: 0.25,
         recovered: 0,
         median_recovery: None,
@@ -57,8 +57,8 @@ fn healthy() -> ClassOutcome {
 }
 
 fn jammed() -> ClassOutcome {
-    let given = [("jammed@0", 3), ("healthy", 1)];
-    let given = given.map(|(name, episodes)| GivenClass { name: name.into(), episodes });
+    let assumed = [("jammed@0", 3), ("healthy", 1)];
+    let assumed = assumed.map(|(name, episodes)| AssumedClass { name: name.into(), episodes });
     ClassOutcome {
         class: 1,
         name: "jammed@0".into(),
@@ -66,7 +66,7 @@ fn jammed() -> ClassOutcome {
         detected: 3,
         median_delay: Some(12.0),
         right_at_first: 2,
-        given: given.to_vec(),
+        assumed: assumed.to_vec(),
         recovered: 1,
         median_recovery: Some(250.0),
         falls: 1,
@@ -76,7 +76,7 @@ fn jammed() -> ClassOutcome {
     }
 }
 
-/// Damage that the policy does not know, and that struck a robot that stood still.
+/// Damage without a code, of a robot that stood still at the onset.
 fn unknown() -> ClassOutcome {
     ClassOutcome {
         name: "weak@0".into(),

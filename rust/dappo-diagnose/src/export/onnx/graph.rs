@@ -7,14 +7,14 @@ use super::proto::{
     TensorProto, TensorShapeProto, TensorTypeProto, TypeProto, ValueInfoProto,
 };
 
-/// Version of the operators, of 2022: every runtime since knows it, and no later change of them is needed.
+/// Version of the operators, of 2022: every runtime since supports it, and no later change of them is needed.
 const OPSET: i64 = 17;
 /// Version of the file format that came with it.
 const IR_VERSION: i64 = 8;
 /// Name of the dimension that counts rows.
 const ROWS: &str = "N";
 
-/// A graph under construction. Values are known by their names.
+/// A graph under construction. Values are identified by their names.
 pub(super) struct Graph {
     graph: GraphProto,
 }

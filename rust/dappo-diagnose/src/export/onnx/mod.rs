@@ -123,7 +123,7 @@ fn add_lstm(graph: &mut Graph, hidden: usize, tensors: &Tensors) -> Result<()> {
     add_constant(graph, "embedding.bias", tensors)?;
     graph.node("MatMul", &["steps", "embedding.weight"], "product");
     graph.node("Add", &["product", "embedding.bias"], "embedded");
-    // ONNX wants time first.
+    // ONNX requires time first.
     graph.node_with("Transpose", &["embedded"], &["sequence"], vec![Attribute::Ints("perm", vec![1, 0, 2])]);
     let gates = 4 * hidden;
     let input = tensors.get("lstm.input.weight")?;

@@ -57,7 +57,7 @@ pub struct NodeProto {
     pub attribute: Vec<AttributeProto>,
 }
 
-/// An attribute of whole numbers: one (`i`), or several (`ints`), as `kind` says.
+/// An attribute of whole numbers: one (`i`), or several (`ints`), depending on `kind`.
 #[derive(Clone, PartialEq, Message)]
 pub struct AttributeProto {
     #[prost(string, tag = "1")]

@@ -34,7 +34,7 @@ arguments! {
         /// Seed of the initial states
         #[arg(long, value_name = "S", allow_negative_numbers = true, default_value = "0")]
         pub seed: AtLeast<0>,
-        /// Settings of the robot that the controller knows nothing of, for example damage.severity=0.5
+        /// Settings of the robot that are unknown to the controller, for example damage.severity=0.5
         #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
         pub set: Vec<Assignment>,
         /// Write the first episode step by step, as CSV

@@ -12,7 +12,7 @@ use crate::keywords::arguments;
 use crate::run_robot::OpenRun;
 
 arguments! {
-    /// The parts of a controller beside its policy, and its settings.
+    /// The parts of a controller other than its policy, and its settings.
     pub struct ControllerArgs {
         /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
         #[arg(long, value_name = "DIR")]
@@ -26,8 +26,8 @@ arguments! {
 arguments! {
     /// How a diagnoser is used.
     pub struct DiagnosisArgs {
-        /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser learned from
-        /// [default: RUN, as if nothing were damaged]
+        /// Run folder of the policy that walks during a diagnosis, the one whose records the diagnoser
+        /// learned from [default: RUN with the code of no damage]
         #[arg(long, value_name = "RUN", requires = "diagnoser")]
         pub expert: Option<PathBuf>,
         /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
@@ -40,7 +40,7 @@ arguments! {
 }
 
 impl ControllerArgs {
-    /// Its parts, beside the policy of a run.
+    /// Its parts other than the policy of a run.
     pub fn parts(&self, py: Python<'_>, run: &OpenRun) -> PyResult<Parts> {
         self.settings.parts(py, run, &self.diagnoser)
     }
@@ -52,7 +52,7 @@ impl ControllerArgs {
 }
 
 impl DiagnosisArgs {
-    /// The parts of a controller with a diagnoser, beside the policy of a run.
+    /// The parts of a controller with a diagnoser, other than the policy of a run.
     pub fn parts(&self, py: Python<'_>, run: &OpenRun, diagnoser: &Path) -> PyResult<Parts> {
         controller::open_parts(py, run, self.expert.as_deref(), diagnoser)
     }

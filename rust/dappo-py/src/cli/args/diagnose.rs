@@ -21,13 +21,13 @@ pub struct DiagnoseArgs {
 /// The commands of `diagnose`.
 #[derive(Debug, Subcommand)]
 pub enum DiagnoseCommand {
-    /// Let damaged robots and their healthy twins walk, and record both
+    /// Record damaged robots and their healthy twins
     Collect(Box<CollectArgs>),
-    /// Train a network that names the damage class from such records
+    /// Train a network that classifies the damage from such records
     Train(TrainDiagnoserArgs),
     /// Test trained networks on records that they have not seen
     Test(TestDiagnoserArgs),
-    /// Fill a table of accuracies beside the paper's Table 1, from the expert to the last cell
+    /// Reproduce the paper's Table 1 of accuracies, from the expert to the last cell
     Sweep(SweepArgs),
 }
 
@@ -47,8 +47,9 @@ arguments! {
         /// Steps that are recorded
         #[arg(long, value_name = "T", allow_negative_numbers = true, default_value = "50")]
         pub timesteps: Count<1>,
-        /// Damage in mid-episode and a twin that is re-synchronised before every step, as `adapt` needs it (residual),
-        /// the same with a free-running twin (runtime), or damage at the start of an episode (paper)
+        /// Mid-episode damage and a twin that is re-synchronised before every step, as `adapt` needs it
+        /// (residual), the same with a free-running twin (runtime), or damage at the start of an episode
+        /// (paper)
         #[arg(long, default_value = "residual")]
         pub preset: OneOf<Preset>,
         /// Steps of healthy walk before the damage, instead of the preset's
@@ -63,7 +64,7 @@ arguments! {
         /// Whose actions the twin takes, its own or the damaged robot's, instead of the preset's
         #[arg(long)]
         pub twin_action: Option<OneOf<TwinAction>>,
-        /// Steps after which the twin is put beside the robot again, 0 for never, instead of the preset's
+        /// Steps after which the twin is re-synchronised, 0 for never, instead of the preset's
         #[arg(long, value_name = "STEPS", allow_negative_numbers = true)]
         pub resync: Option<Whole<0, { u32::MAX as i64 }>>,
         /// Seed of the rollouts
@@ -93,7 +94,7 @@ arguments! {
         /// Folder of the training; the trained diagnoser will be in its folder model/
         #[arg(long, value_name = "DIR", required_unless_present = "resume")]
         pub out: Option<PathBuf>,
-        /// Go on with an earlier training on the same data
+        /// Resume an earlier training on the same data
         #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "method", "timesteps", "rollouts", "seed", "head", "held_out", "set"])]
         pub resume: Option<PathBuf>,
         /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
@@ -139,7 +140,7 @@ arguments! {
         /// Run folder of a damage-aware policy: also measure what the mistakes cost it
         #[arg(long, value_name = "RUN")]
         pub policy: Option<PathBuf>,
-        /// Episodes a pair of true and named class, for --policy [default: the run's]
+        /// Episodes a pair of true and diagnosed class, for --policy [default: the run's]
         #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "policy")]
         pub episodes: Option<Count<1>>,
         /// The robot, for --policy.

@@ -44,9 +44,9 @@ pub enum Command {
     Train(Box<TrainArgs>),
     /// Run trained policies on every damage class, and compare learners
     Evaluate(EvaluateArgs),
-    /// Learn to tell the damage of a robot from a short walk
+    /// Learn to classify the damage of a robot from a short walk
     Diagnose(DiagnoseArgs),
-    /// Let damage strike in mid-walk, and see how a controller finds out and walks on
+    /// Evaluate a controller that detects mid-episode damage, diagnoses it and adapts
     Adapt(Box<AdaptArgs>),
     /// Write all that a controller needs into one folder, with its networks as ONNX
     Export(ExportArgs),
@@ -56,7 +56,7 @@ pub enum Command {
     View(ViewArgs),
     /// Draw runs, sweeps, diagnosers and traces into one HTML page
     Report(ReportArgs),
-    /// Train every combination of a grid, and go on where it was stopped
+    /// Train every combination of a grid; a stopped sweep resumes
     Sweep(GridArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
@@ -64,7 +64,7 @@ pub enum Command {
     Config(ConfigArgs),
     /// Compare env steps per second with other simulators in one interleaved run
     Bench(BenchArgs),
-    /// Say what is installed, what works and what to install
+    /// Print what is installed, what works and what to install
     Doctor(DoctorArgs),
 }
 
@@ -131,10 +131,11 @@ arguments! {
         /// Run folder [default: runs/ROBOT-SEED-TIME]
         #[arg(long, value_name = "DIR")]
         pub run: Option<PathBuf>,
-        /// Go on with an earlier run; --steps may extend it, --set change settings that its checkpoints do not depend on
+        /// Resume an earlier run; --steps may extend it, --set change settings that its checkpoints do not
+        /// depend on
         #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics"])]
         pub resume: Option<PathBuf>,
-        /// Where the robot file has changed since the run began [default: stop, and say what differs]
+        /// Where the robot file has changed since the run began [default: stop, and print what differs]
         #[arg(long, value_name = "WHICH", requires = "resume")]
         pub robot_changed: Option<RobotChanged>,
         /// Print one JSON object an iteration instead of a progress bar
@@ -144,9 +145,9 @@ arguments! {
 }
 
 arguments! {
-    /// Which robot an earlier run means.
+    /// The robot of an earlier run.
     pub struct RobotArgs {
-        /// Where the robot file has changed since the training [default: stop, and say what differs]
+        /// Where the robot file has changed since the training [default: stop, and print what differs]
         #[arg(long, value_name = "WHICH")]
         pub robot_changed: Option<RobotChanged>,
     }
@@ -206,10 +207,12 @@ arguments! {
         /// Run folder; several are seeds of one learner
         #[arg(value_name = "RUN", required = true)]
         pub runs: Vec<PathBuf>,
-        /// Other runs, of another learner or setting, to compare with; their policies are told the truth
+        /// Other runs, of another learner or setting, to compare with; their policies are given the true
+        /// damage code
         #[arg(long, value_name = "OTHER", num_args = 1..)]
         pub compare: Vec<PathBuf>,
-        /// What the policies of RUN are told: the truth, that nothing is damaged, another damage, or noise
+        /// Damage code of the policies of RUN: the true one, that of no damage, that of another damage, or
+        /// noise
         #[arg(long, default_value = Encoding::True.name())]
         pub encoding: OneOf<Encoding>,
         /// Episodes a damage class [default: the run's]

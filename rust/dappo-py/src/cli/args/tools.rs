@@ -36,7 +36,7 @@ pub struct ReportArgs {
 /// Arguments of `sweep`.
 #[derive(Debug, Args, IntoPyObjectRef)]
 pub struct GridArgs {
-    /// Folder of the sweep; the same command goes on with what is missing
+    /// Folder of the sweep; the same command resumes it
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Values of a flag of `train` or of a setting, for example seed=0,1,2 unaware=false,true
@@ -62,13 +62,13 @@ pub struct BenchArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1024")]
     #[pyo3(item("num_envs"))]
     pub envs: Count<1>,
-    /// Threads of each contender [default: all cores]
+    /// Threads of each simulator [default: all cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub threads: Option<Threads>,
     /// Least length of a sample, s
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds, default_value = "2")]
     pub seconds: f64,
-    /// Samples a contender
+    /// Samples a simulator
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "5")]
     pub rounds: Count<1>,
     /// Print JSON
@@ -106,7 +106,7 @@ fn values(text: &str) -> Result<(String, Value), String> {
 
 fn pair(text: &str) -> Result<(&str, &str), String> {
     let pair = text.split_once('=').filter(|(key, value)| !key.is_empty() && !value.is_empty());
-    pair.ok_or_else(|| format!("`{text}` is no assignment; expected key=value, for example seed=0,1,2"))
+    pair.ok_or_else(|| format!("`{text}` is not an assignment; expected key=value, for example seed=0,1,2"))
 }
 
 fn json_or_text(text: &str) -> Value {

@@ -24,7 +24,7 @@ use crate::run_robot::{OpenRun, RobotCopy};
 pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
     let run = OpenRun::open(py, &arguments.expert, arguments.robot.robot_changed)?;
     let walker = arguments.walker.as_deref();
-    let walker = walker.map(|walker| run.open_beside(py, walker, false)).transpose()?;
+    let walker = walker.map(|walker| run.open_other(py, walker, false)).transpose()?;
     let OpenRun { folder, mut config, robot, .. } = run;
     settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
     let wanted = collect_config(arguments, &config).or_raise()?;
@@ -58,12 +58,12 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     } else {
         if collected.diverged > 0 {
             note!(
-                "divergences of the physics: {}; each robot went on from its reference pose",
+                "divergences of the physics: {}; each robot continued from its reference pose",
                 collected.diverged
             );
         }
         if collected.interrupted {
-            note!("interrupted after {rollouts} rollouts; the same command goes on with them");
+            note!("interrupted after {rollouts} rollouts; resume with the same command");
         } else {
             print_line!("dataset: {out} with {rollouts} rollouts, {seconds:.1} s");
         }
@@ -92,7 +92,7 @@ fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectCon
 
 /// Keeps a copy of the robot in a new dataset; fails if the records of an earlier one are of another robot.
 fn keep_robot(py: Python<'_>, out: &Path, (run, robot): (&Path, &RobotCopy)) -> PyResult<()> {
-    // The records of earlier versions are of a robot that nobody knows.
+    // The records of earlier versions contain no robot.
     if !DatasetHeader::exists(out) {
         keep_first(out, &robot.to_keep(py)?).or_raise()?;
     }
@@ -115,7 +115,7 @@ fn describe(arguments: &CollectArgs, wanted: &CollectConfig, factory: &TableFact
     )
 }
 
-/// Shows progress, and looks at the room on the disk.
+/// Shows progress, and checks the free space on the disk.
 struct Display<'a> {
     watch: Watch<'a>,
     out: &'a Path,
@@ -154,7 +154,7 @@ impl CollectObserver for Display<'_> {
     }
 }
 
-/// Free bytes on the disk of a folder, if Python can tell.
+/// Free bytes on the disk of a folder, if Python can determine it.
 fn free_space(folder: &Path) -> Option<u64> {
     Python::attach(|py| {
         let usage = py.import("shutil").ok()?.call_method1("disk_usage", (folder,)).ok()?;

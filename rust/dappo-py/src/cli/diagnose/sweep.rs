@@ -55,7 +55,7 @@ pub fn run(py: Python<'_>, arguments: &SweepArgs, caller: &Caller) -> PyResult<i
         Ok(Some(table))
     });
     let Some(table) = results.or_raise()? else {
-        note!("interrupted; the same command goes on with the cells that are missing");
+        note!("interrupted; resume with the same command");
         return Ok(INTERRUPTED);
     };
     let (above, known) = table.at_or_above_the_paper();
@@ -114,14 +114,14 @@ fn commands(
     commands
 }
 
-/// Whether a training of at least so many env steps has come to its end, which is an evaluation.
+/// Whether a training of at least this many env steps has finished, which ends with an evaluation.
 fn is_trained(run: &Path, steps: u64) -> bool {
     RunFolder::open(run).is_ok_and(|(run, config)| {
         config.total_steps >= steps && MeanVelocities::read(&run).is_ok_and(|found| found.is_some())
     })
 }
 
-/// Says which cells are done and passes Ctrl-C on.
+/// Prints which cells are done and forwards Ctrl-C.
 struct Watcher {
     interrupted: Arc<AtomicBool>,
 }

@@ -51,7 +51,7 @@ pub fn run(py: Python<'_>, arguments: &TrainDiagnoserArgs, caller: &Caller) -> P
     let root = folder.root().display();
     if outcome.interrupted {
         note!(
-            "interrupted after {} epochs; go on with: dappo-batch diagnose train {} --resume {root}",
+            "interrupted after {} epochs; resume with: dappo-batch diagnose train {} --resume {root}",
             outcome.epochs,
             arguments.data.display()
         );

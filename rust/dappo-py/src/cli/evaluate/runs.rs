@@ -1,4 +1,4 @@
-//! Opens the runs of an evaluation and refuses those that cannot stand beside each other.
+//! Opens the runs of an evaluation and refuses those that cannot be compared.
 
 use std::path::{Path, PathBuf};
 

@@ -28,7 +28,7 @@ pub trait ModelReader {
 pub(super) struct Switched {
     /// Index in [`OFF`].
     pub feature: usize,
-    /// Share of the array before the entry, which tells whose it is.
+    /// Share of the array before the entry, which identifies its owner.
     pub share: f64,
     /// The entry.
     pub value: f64,

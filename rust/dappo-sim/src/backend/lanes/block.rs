@@ -74,7 +74,7 @@ impl Block {
         self.begin(task, table, resets.len(), class_of, obs, stride);
     }
 
-    /// Puts the envs for which `class_of` has a class into a given state.
+    /// Sets the envs for which `class_of` has a class to a given state.
     ///
     /// # Shapes
     /// - `qpos`: `[lanes, nq]`, `qvel`: `[lanes, nv]`; `obs`: rows that begin `stride` numbers apart
@@ -95,7 +95,8 @@ impl Block {
         self.begin(task, table, lanes, class_of, obs, stride);
     }
 
-    /// Computes the forces of the lanes that have just been placed, and observes them. `class_of` says their class.
+    /// Computes the forces of the lanes that have just been placed, and observes them. `class_of` returns
+    /// their class.
     fn begin(
         &mut self,
         task: &Task,
@@ -173,13 +174,13 @@ impl Block {
         }
     }
 
-    /// Whether the lane that has just been read is beyond what the physics can go on from.
+    /// Whether the lane that has just been read is beyond what the physics can continue from.
     fn has_diverged(&mut self, lane: usize) -> bool {
         self.group.accelerations(lane, &mut self.qacc);
         [&self.qpos, &self.qvel, &self.qacc].into_iter().any(|values| out_of_bounds(values))
     }
 
-    /// Ends the episodes of the lanes that diverged, and puts these into their reference pose, at rest.
+    /// Ends the episodes of the lanes that diverged, and sets these to their reference pose, at rest.
     fn fail(
         &mut self,
         task: &Task,

@@ -12,7 +12,7 @@ use super::tree::Tree;
 use crate::backend::Precision;
 use crate::error::SimError;
 
-/// The damage classes of a robot, as the lane engine knows them.
+/// The damage classes of a robot, compiled for the lane engine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaneTable {
     models: Vec<Model>,
@@ -23,7 +23,7 @@ pub struct LaneTable {
 }
 
 impl LaneTable {
-    /// Compiles all classes, or says what of the robot the engine does not know.
+    /// Compiles all classes, or returns what of the robot the engine does not support.
     ///
     /// `main_body` is the body whose velocity is measured.
     ///
@@ -135,7 +135,7 @@ fn snap(own: &mut Option<Vector>, like: Option<Vector>) {
     }
 }
 
-/// One compiled model as the engine knows it.
+/// One model compiled for the engine.
 fn compile(arrays: &ModelArrays, main_body: usize) -> Result<Model, Unsupported> {
     check_features(arrays)?;
     let integrator = integrator(arrays)?;
@@ -169,10 +169,10 @@ fn integrator(arrays: &ModelArrays) -> Result<Integrator, Unsupported> {
     match (arrays.integrator, arrays.rotation_correction) {
         (0, _) => Ok(Integrator::Euler),
         (1, Some(rotation_correction)) => Ok(Integrator::Rk4 { rotation_correction }),
-        (1, None) => refuse("this version of MuJoCo turns a body in RK4 in a way of its own"),
+        (1, None) => refuse("this version of MuJoCo rotates bodies in RK4 differently from the engine"),
         (3, _) => Ok(Integrator::ImplicitFast),
         (other, _) => {
-            refuse(format!("opt.integrator is {other}; it knows Euler (0), RK4 (1) and implicitfast (3)"))
+            refuse(format!("opt.integrator is {other}; it supports Euler (0), RK4 (1) and implicitfast (3)"))
         }
     }
 }

@@ -40,7 +40,7 @@ impl Contacts {
             if *floor.get_or_insert(plane) != plane {
                 let (one, two) = (floor.unwrap_or(plane), plane);
                 let (one, two) = (model.called(Owner::Geom, one), model.called(Owner::Geom, two));
-                return refuse(format!("{one} and {two} are two floors; it knows one"));
+                return refuse(format!("{one} and {two} are two floors; it supports one"));
             }
             check_pair(model, pair)?;
             points.extend(touching(model, tree, pair, geom)?);
@@ -61,8 +61,8 @@ fn check_masks(model: &ModelArrays) -> Result<(), Unsupported> {
         {
             let (one, two) = (model.called(Owner::Geom, a), model.called(Owner::Geom, b));
             return refuse(format!(
-                "{one} and {two} touch each other by contype and conaffinity; it knows explicit contact pairs \
-                 with the floor alone, which a class table makes of a robot that can touch nothing else"
+                "{one} and {two} touch each other by contype and conaffinity; it supports explicit contact pairs \
+                 with the floor alone, which a class table generates for a robot that can touch nothing else"
             ));
         }
     }
@@ -78,7 +78,7 @@ fn split(model: &ModelArrays, pair: usize) -> Result<(usize, usize), Unsupported
         (false, true) => Ok((two, one)),
         _ => {
             let (one, two) = (model.called(Owner::Geom, one), model.called(Owner::Geom, two));
-            refuse(format!("the contact of {one} and {two} is none with a plane of the world body"))
+            refuse(format!("the contact of {one} and {two} is not with a plane of the world body"))
         }
     }
 }
@@ -87,7 +87,7 @@ fn check_pair(model: &ModelArrays, pair: usize) -> Result<(), Unsupported> {
     let called = || model.called(Owner::Pair, pair);
     let dimensions = model.pair_dim[pair];
     if dimensions != 3 {
-        return refuse(format!("{} has condim {dimensions}; it knows 3, sliding friction", called()));
+        return refuse(format!("{} has condim {dimensions}; it supports 3, sliding friction", called()));
     }
     let friction: [f64; 5] = ModelArrays::row(&model.pair_friction, pair);
     if friction[0] != friction[1] {
@@ -152,7 +152,7 @@ fn touching(model: &ModelArrays, tree: &Tree, pair: usize, geom: usize) -> Resul
         kind => {
             let called = model.called(Owner::Geom, geom);
             refuse(format!(
-                "{called} can touch the floor but is no sphere, capsule or box (geom_type = {kind})"
+                "{called} can touch the floor but is not a sphere, capsule or box (geom_type = {kind})"
             ))
         }
     }
@@ -166,13 +166,15 @@ fn contact_softness(model: &ModelArrays) -> Result<Softness, Unsupported> {
     let (solref, solimp) = parameters(0);
     if let Some(other) = (1..model.npair).find(|&pair| parameters(pair) != (solref, solimp)) {
         let (one, two) = (model.called(Owner::Pair, 0), model.called(Owner::Pair, other));
-        return refuse(format!("{one} and {two} differ in solref or solimp; it knows one softness for all"));
+        return refuse(format!(
+            "{one} and {two} differ in solref or solimp; it supports one softness for all"
+        ));
     }
     softness(solref, solimp, model.timestep)
         .or_else(|why| refuse(format!("{}: {why}", model.called(Owner::Pair, 0))))
 }
 
-/// Tells the points which touch sensor feels them.
+/// Assigns the points to the touch sensors that measure them.
 ///
 /// MuJoCo adds up the normal forces of the contacts of the sensor's body that lie in the zone of its site. The
 /// engine takes all contacts of the body, so the zone must hold every one of them.
@@ -193,7 +195,10 @@ pub(super) fn attach_sensors(
         let zone = Zone::new(model, site, &tree.bodies[body].1.then(&own));
         for point in points.iter_mut().filter(|point| point.body == body) {
             if point.touch.is_some() {
-                return refuse(format!("{} is the second touch sensor of its body; it knows one", called()));
+                return refuse(format!(
+                    "{} is the second touch sensor of its body; it supports one",
+                    called()
+                ));
             }
             if !zone.as_ref().is_some_and(|zone| zone.holds(point)) {
                 return refuse(format!(

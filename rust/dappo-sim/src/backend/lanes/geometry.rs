@@ -160,7 +160,7 @@ mod tests {
     fn a_turned_body_has_its_moments_along_the_turned_axes() {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let mut parts = Parts::default();
-        // A quarter turn about z brings x to y.
+        // A quarter turn about z maps x to y.
         parts.add(1.0, &Pose::new([0.0; 3], [half, 0.0, 0.0, half]), [1.0, 2.0, 3.0]);
         assert!(close(&parts.sum().tensor, &[2.0, 1.0, 3.0, 0.0, 0.0, 0.0]));
     }

@@ -63,7 +63,7 @@ pub(super) fn limit_softness(model: &ModelArrays) -> Result<Softness, Unsupporte
     if let Some(&other) = limited.iter().find(|&&joint| parameters(joint) != parameters(first)) {
         let (one, two) = (model.called(Owner::Joint, first), model.called(Owner::Joint, other));
         return refuse(format!(
-            "the limits of {one} and {two} differ in solref or solimp; it knows one for all"
+            "the limits of {one} and {two} differ in solref or solimp; it supports one for all"
         ));
     }
     let (solref, solimp) = parameters(first);
@@ -85,7 +85,7 @@ fn actuators(model: &ModelArrays) -> Result<Vec<Option<Actuator>>, Unsupported> 
         }
         if let Some(other) = of_joint[joint] {
             let other = model.called(Owner::Actuator, other.index);
-            return refuse(format!("{other} and {} move the same joint; it knows one a joint", called()));
+            return refuse(format!("{other} and {} move the same joint; it supports one a joint", called()));
         }
         of_joint[joint] = Some(actuator(model, index)?);
     }
@@ -98,7 +98,7 @@ fn actuator(model: &ModelArrays, index: usize) -> Result<Actuator, Unsupported> 
     let kind = model.actuator_biastype[index];
     let called = || model.called(Owner::Actuator, index);
     if gear[1..].iter().any(|ratio| *ratio != 0.0) {
-        return refuse(format!("{} has gear {gear:?}; it knows the first entry alone", called()));
+        return refuse(format!("{} has gear {gear:?}; it supports the first entry alone", called()));
     }
     if kind > AFFINE {
         return refuse(format!(
@@ -116,7 +116,7 @@ fn actuator(model: &ModelArrays, index: usize) -> Result<Actuator, Unsupported> 
     })
 }
 
-/// A range, infinite where it is not in force.
+/// A range, infinite where it is not active.
 fn limited(flag: i32, ranges: &[f64], index: usize) -> [f64; 2] {
     if flag == 0 { [f64::NEG_INFINITY, f64::INFINITY] } else { ModelArrays::row(ranges, index) }
 }

@@ -1,6 +1,6 @@
 //! The `lanes` backend: the lane engine, several envs in the lanes of a register.
 //!
-//! Env i lives in lane i mod width of group i / width. It knows limbed robots on a level floor only; every
+//! Env i lives in lane i mod width of group i / width. It supports limbed robots on a level floor only; every
 //! other robot is refused with the reason, and belongs to the `mujoco` backend.
 
 mod arrays;

@@ -1,4 +1,4 @@
-//! What the lane engine does not know: a robot that has any of it belongs to libmujoco.
+//! What the lane engine does not support: a robot that has any of it belongs to libmujoco.
 
 use dappo_lanes::Unsupported;
 
@@ -23,7 +23,7 @@ pub(super) fn check_features(model: &ModelArrays) -> Result<(), Unsupported> {
         let (name, owner, what) = OFF[on.feature];
         let index = (on.share * model.count(owner) as f64 + 1e-9) as usize;
         let called = model.called(owner, index);
-        return refuse(format!("{called} has {what} ({name} = {}), which it does not know", on.value));
+        return refuse(format!("{called} has {what} ({name} = {}), which it does not support", on.value));
     }
     check_options(model)
 }
@@ -34,7 +34,7 @@ fn check_options(model: &ModelArrays) -> Result<(), Unsupported> {
         return refuse(format!("opt.disableflags switches parts of MuJoCo off (bits {disabled:#x})"));
     }
     if model.solver != NEWTON {
-        return refuse(format!("opt.solver is {}; it knows Newton's method alone", model.solver));
+        return refuse(format!("opt.solver is {}; it supports Newton's method alone", model.solver));
     }
     for (name, limit) in [("iterations", model.iterations), ("ls_iterations", model.ls_iterations)] {
         if limit < ENOUGH_ITERATIONS {

@@ -31,7 +31,7 @@ pub(super) fn softness(solref: [f64; 2], solimp: [f64; 5], timestep: f64) -> Res
     let power = match power {
         1.0 => 1,
         2.0 => 2,
-        other => return Err(format!("the power of solimp is {other}; it knows 1 and 2")),
+        other => return Err(format!("the power of solimp is {other}; it supports 1 and 2")),
     };
     Ok(Softness { stiffness, damping, impedance: [least, most], width, midpoint, power })
 }

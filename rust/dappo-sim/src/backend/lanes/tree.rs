@@ -79,7 +79,9 @@ impl Tree {
         match model.body_jntnum[body] {
             0 => return Ok((carrier, placed)),
             1 => {}
-            several => return refuse(format!("{} moves by {several} joints; it knows one a body", called())),
+            several => {
+                return refuse(format!("{} moves by {several} joints; it supports one a body", called()));
+            }
         }
         let joint = model.body_jntadr[body] as usize;
         match (carrier, model.jnt_type[joint]) {
@@ -88,13 +90,13 @@ impl Tree {
                 Ok((Carrier::Root, Pose::IDENTITY))
             }
             (Carrier::World, FREE) => {
-                refuse(format!("{} is a second free body; it knows one robot", called()))
+                refuse(format!("{} is a second free body; it supports one robot", called()))
             }
             (Carrier::World, _) => refuse(format!("{} does not hang on a free body", called())),
             (_, HINGE) => self.hang(model, carrier, (body, joint), &placed),
             (_, kind) => {
                 let joint = model.called(Owner::Joint, joint);
-                refuse(format!("{joint} is no hinge (jnt_type = {kind})"))
+                refuse(format!("{joint} is not a hinge (jnt_type = {kind})"))
             }
         }
     }
@@ -150,7 +152,7 @@ impl Tree {
         if let Some(odd) = self.limbs.iter().find(|limb| limb.len() != joints) {
             let (one, other) = (&self.limbs[0][0], &odd[0]);
             return refuse(format!(
-                "the limb of {} has {joints} joints and that of {} has {}; it knows limbs of equal length",
+                "the limb of {} has {joints} joints and that of {} has {}; it supports limbs of equal length",
                 model.called(Owner::Body, one.body),
                 model.called(Owner::Body, other.body),
                 odd.len()

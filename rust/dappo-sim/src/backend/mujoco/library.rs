@@ -1,6 +1,6 @@
 //! libmujoco, loaded at run time.
 //!
-//! Only functions are used whose signature has been stable for years, with opaque pointers: Rust knows
+//! Only functions are used whose signature has been stable for years, with opaque pointers: Rust depends on
 //! no struct layout, so one build serves every MuJoCo from 3.x to 4.x.
 
 use std::ffi::{c_int, c_uint, c_void};

@@ -1,4 +1,4 @@
-//! Pointers into MuJoCo's memory, handed over by whoever compiled the models.
+//! Pointers into MuJoCo's memory, from the code that compiled the models.
 
 use std::any::Any;
 
@@ -81,7 +81,7 @@ impl Array {
             return &[];
         }
         // SAFETY: made in `WorkerFields::new` alone, whose caller vouches for the array for as long as the owner
-        // beside it lives; MuJoCo aligns it. Writing it takes `&mut self`.
+        // next to it lives; MuJoCo aligns it. Writing it takes `&mut self`.
         unsafe { std::slice::from_raw_parts(self.0.address as *const f64, self.0.len) }
     }
 
@@ -112,10 +112,10 @@ impl WorkerFields {
     /// Wraps the addresses of an `mjData` made from class 0 of a [`ModelTable`].
     ///
     /// # Safety
-    /// `data` must be a valid `mjData` that nobody else uses while this value lives, the fields must be its
+    /// `data` must be a valid `mjData` without other users while this value lives, the fields must be its
     /// arrays of that name (`main_body_xpos`: the three entries of the main body's `xpos`), `divergences` the
-    /// addresses of `number` of its warnings `BADQPOS`, `BADQVEL` and `BADQACC`, and all of it must stay where it is
-    /// for as long as `owner` lives.
+    /// addresses of `number` of its warnings `BADQPOS`, `BADQVEL` and `BADQACC`, and all of it must stay
+    /// where it is for as long as `owner` lives.
     #[must_use]
     pub unsafe fn new(
         data: usize,

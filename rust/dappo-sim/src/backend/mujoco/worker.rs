@@ -97,7 +97,7 @@ impl Worker {
         self.begin(task, table, class, row, obs);
     }
 
-    /// Puts the env into the reference pose of its class, at rest.
+    /// Sets the env to the reference pose of its class, at rest.
     pub(super) fn restart(
         &mut self,
         task: &Task,
@@ -150,7 +150,7 @@ impl Worker {
         Some(velocity(task, before, self.main_body_x()))
     }
 
-    /// Whether a state since the last `clear` was beyond what the physics can go on from.
+    /// Whether a state since the last `clear` was beyond what the physics can continue from.
     fn has_diverged(&self) -> bool {
         // SAFETY: the addresses are those of counters in the worker's mjData (contract of `WorkerFields::new`).
         let warned = |&address: &usize| unsafe { (address as *const i32).read() } > 0;
