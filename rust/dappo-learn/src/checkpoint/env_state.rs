@@ -253,9 +253,9 @@ mod tests {
         state().save(&folder.0).unwrap();
         assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &state());
         let bytes = fs::read(folder.0.join(FILE)).unwrap();
-        refuse(&folder, FILE, b"DAPPOENV", "no env state");
-        refuse(&folder, FILE, &bytes[..bytes.len() - 1], "no env state");
-        refuse(&folder, FILE, &[&bytes[..], &[0]].concat(), "no env state");
+        refuse(&folder, FILE, b"DAPPOENV", "not an env state");
+        refuse(&folder, FILE, &bytes[..bytes.len() - 1], "not an env state");
+        refuse(&folder, FILE, &[&bytes[..], &[0]].concat(), "not an env state");
         let with = |from: &str, to: &str| {
             let begin = bytes.windows(from.len()).position(|part| part == from.as_bytes()).unwrap();
             [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
@@ -290,13 +290,13 @@ mod tests {
         let bytes = earlier(&state());
         fs::write(folder.0.join(EARLIER_FILE), &bytes).unwrap();
         assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &state());
-        refuse(&folder, EARLIER_FILE, b"DAPPOENV", "no env state");
-        refuse(&folder, EARLIER_FILE, &bytes[..bytes.len() - 1], "no env state");
-        refuse(&folder, EARLIER_FILE, &[&bytes[..], &[0]].concat(), "no env state");
+        refuse(&folder, EARLIER_FILE, b"DAPPOENV", "not an env state");
+        refuse(&folder, EARLIER_FILE, &bytes[..bytes.len() - 1], "not an env state");
+        refuse(&folder, EARLIER_FILE, &[&bytes[..], &[0]].concat(), "not an env state");
         for (at, size) in [(8, u64::MAX), (8, 1 << 61), (16, u64::MAX), (16, 1 << 62), (24, u64::MAX)] {
             let mut large = bytes.clone();
             large[at..at + 8].copy_from_slice(&size.to_le_bytes());
-            refuse(&folder, EARLIER_FILE, &large, "no env state");
+            refuse(&folder, EARLIER_FILE, &large, "not an env state");
         }
     }
 }
