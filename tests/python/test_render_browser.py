@@ -108,7 +108,7 @@ def test_a_page_is_served_until_ctrl_c(tmp_path: Path) -> None:
     assert process.stderr is not None
     address = ""
     for line in process.stderr:
-        if found := re.search(r"(http://localhost:\d+) shows the walk until Ctrl-C", line):
+        if found := re.search(r"(http://localhost:\d+) shows the episode until Ctrl-C", line):
             address = found[1]
             break
     with urllib.request.urlopen(address, timeout=60) as answer:
