@@ -14,4 +14,8 @@ def main() -> None:
         except OSError:
             # The next file that is opened would get the number of a closed one, and receive the output.
             os.open(os.devnull, os.O_RDWR)
-    sys.exit(run_cli(sys.argv[1:]))
+    try:
+        code = run_cli(sys.argv[1:])
+    except KeyboardInterrupt:
+        code = 130  # Ctrl-C after the command has checked for it the last time
+    sys.exit(code)

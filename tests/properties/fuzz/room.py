@@ -119,7 +119,14 @@ class Room:
         child = os.fork()
         if child == 0:
             os.dup2(writer, 1)
-            os._exit(run_cli(list(argv)))
+            code = 130
+            try:
+                code = run_cli(list(argv))
+            except KeyboardInterrupt:
+                pass  # Ctrl-C after the command has checked for it the last time
+            finally:
+                # Nothing of the test process may run on in its copy.
+                os._exit(code)
         self.notes.append(f"a process: run_cli({list(argv)!r})")
         os.close(writer)
         with open(reader, "rb") as output:
