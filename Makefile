@@ -65,8 +65,8 @@ docs: setup ## Write the documentation as a site into site/
 pictures: setup ## Render the robots for the documentation
 	$(RUN) python docs/pictures.py
 
-wheel: $(UV) ## Build a wheel for this machine alone into dist/
-	$(MATURIN) build --release --locked --out dist
+wheel: setup ## Build a wheel for this machine alone into dist/
+	$(RUN) maturin build --release --locked --out dist
 
 wheels: $(UV) ## Build wheels for Linux on x86_64 and aarch64 and an sdist into dist/, and try this machine's
 	for machine in x86_64 aarch64; do \
