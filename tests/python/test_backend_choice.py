@@ -49,8 +49,8 @@ def test_a_robot_that_the_lane_engine_does_not_support_falls_back_with_the_reaso
     table = dappo_batch.compile_class_table(TRIPOD, max_damaged_limbs=0)
     envs = dappo_batch.make_vec(table)
     assert envs.backend == "mujoco"
-    assert "is not a sphere, capsule or box" in envs.backend_note
-    with pytest.raises(ConfigError, match="is not a sphere, capsule or box"):
+    assert "tendon `belt` has a spring" in envs.backend_note
+    with pytest.raises(ConfigError, match="tendon `belt` has a spring"):
         dappo_batch.make_vec(table, backend="lanes")
 
 
@@ -170,7 +170,7 @@ def test_a_run_keeps_the_backend_that_was_chosen_for_it(tmp_path: Path) -> None:
     lanes, mujoco = tmp_path / "lanes", tmp_path / "mujoco"
     command("train", "--run", lanes, "--steps", str(ITERATION), *TINY)
     _, err = command("train", "--robot", TRIPOD, "--run", mujoco, "--steps", str(ITERATION), *TINY)
-    assert "backend mujoco, f64: the lane engine cannot simulate this robot: geom `geom 1`" in err
+    assert "backend mujoco, f64: the lane engine cannot simulate this robot: tendon `belt`" in err
     found = [tomllib.loads((run / "config.toml").read_text())["env"]["backend"] for run in (lanes, mujoco)]
     assert found == ["lanes", "mujoco"]
 

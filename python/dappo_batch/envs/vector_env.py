@@ -112,7 +112,10 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
 
     @property
     def backend_note(self) -> str:
-        """Why ``"auto"`` is not ``"lanes"``; empty if it is, or if a backend was chosen."""
+        """Why ``"auto"`` is not ``"lanes"``, or in what ``"lanes"`` differs from the options of the MJCF.
+
+        It is empty if there is nothing of both, or if the backend ``"mujoco"`` was chosen.
+        """
         return self._core.backend_note
 
     @property

@@ -1,4 +1,4 @@
-//! Forces of motors, servos and joint damping.
+//! Forces of motors, servos, joint damping and springs.
 //! (Documentation: Computation, "Actuation model" and "Passive forces".)
 
 use crate::constants::{Constants, Skeleton};
@@ -44,10 +44,20 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
                     let (length, speed) = (motor.gear * position, motor.gear * velocity);
                     force += stiffness.mul_add(length, slope.mul_add(speed, constant));
                     // A saturated actuator does not answer to velocity.
-                    let free = lowest.lt(force) & force.lt(highest);
+                    let mut free = lowest.lt(force) & force.lt(highest);
+                    if shared.limited_torque {
+                        let torque = motor.gear * force;
+                        free = free & link.actuator_range[0].lt(torque) & torque.lt(link.actuator_range[1]);
+                    }
                     drag -= (motor.gear * motor.gear * slope).keep(free);
                 }
                 force = motor.gear * force.clamp(lowest, highest);
+                if shared.limited_torque {
+                    force = force.clamp(link.actuator_range[0], link.actuator_range[1]);
+                }
+            }
+            if shared.spring {
+                force = link.stiffness.neg_mul_add(position - link.spring_reference, force);
             }
             out.force[limb][joint] = link.damping.neg_mul_add(velocity, force);
             out.damping[limb][joint] = link.damping;

@@ -1,12 +1,12 @@
 //! Bias forces: what gravity and velocities alone demand of every coordinate (recursive Newton–Euler).
 //! (Documentation: Computation, "General framework"; `qfrc_bias`.)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::{Body, Constants, Skeleton};
 use crate::coords::Coords;
 use crate::inertia::Tensors;
 use crate::kinematics::Kinematics;
 use crate::lane::Lane;
-use crate::math::{Vec3, add, cross, dot, scale, scale_add, sub, sym_mul, zero3};
+use crate::math::{Axes, Vec3, add, cross, dot, rotate, scale, scale_add, sub, sym_mul, zero3};
 
 /// Rotation and acceleration of a frame, seen from the root's origin moving along with it.
 #[derive(Clone, Copy)]
@@ -43,6 +43,11 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
     let mut forces = Coords::zero();
     let mut total_force = scale(root.acceleration_at(kinematics.root_com), constants.root.mass);
     let mut total_torque = add(euler(&root, &tensors.root), cross(kinematics.root_com, total_force));
+    if skeleton.compensates {
+        let (force, torque) = compensation(skeleton, &constants.root, &kinematics.root, zero3());
+        total_force = sub(total_force, force);
+        total_torque = sub(total_torque, torque);
+    }
     for limb in 0..L {
         let poses = &kinematics.links[limb];
         let mut wrenches = [(zero3(), zero3()); J];
@@ -62,6 +67,11 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
             let force = scale(at_com, constants.links[limb][joint].body.mass);
             let torque = add(euler(&motion, &tensors.links[limb][joint]), cross(pose.com, force));
             wrenches[joint] = (force, torque);
+            if skeleton.compensates {
+                let body = &constants.links[limb][joint].body;
+                let (lift, turn) = compensation(skeleton, body, &pose.axes, pose.anchor);
+                wrenches[joint] = (sub(force, lift), sub(torque, turn));
+            }
         }
         let (mut force, mut torque) = (zero3(), zero3());
         for joint in (0..J).rev() {
@@ -82,4 +92,16 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
 fn euler<T: Lane>(motion: &Motion<T>, tensor: &[T; 6]) -> Vec3<T> {
     let gyroscopic = cross(motion.angular_velocity, sym_mul(tensor, motion.angular_velocity));
     add(sym_mul(tensor, motion.angular_acceleration), gyroscopic)
+}
+
+/// Force and torque about the root's origin that compensate the weight of a body (`gravcomp`).
+#[inline(always)]
+fn compensation<T: Lane, const L: usize, const J: usize>(
+    skeleton: &Skeleton<T, L, J>,
+    body: &Body<T>,
+    axes: &Axes<T>,
+    origin: Vec3<T>,
+) -> (Vec3<T>, Vec3<T>) {
+    let force = [T::zero(), T::zero(), body.compensated * T::splat(skeleton.gravity)];
+    (force, cross(add(origin, rotate(axes, body.compensated_com)), force))
 }

@@ -6,7 +6,7 @@
 use crate::error::Unsupported;
 use crate::lane::Lane;
 use crate::math::{Sym3, Vec3, zero3};
-use crate::model::{Inertia, Integrator, Link, Model, Point, Softness, Vector};
+use crate::model::{Cone, Inertia, Integrator, Link, Model, Point, RimPlace, Softness, Surface, Vector};
 
 /// What all damage classes share.
 pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
@@ -14,10 +14,19 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub integrator: Integrator,
     pub gravity: T::Scalar,
     pub floor: T::Scalar,
-    pub contact: Impedance<T>,
-    pub limit: Impedance<T>,
+    /// Whether the weight of some body is compensated.
+    pub compensates: bool,
+    /// Whether friction cones are elliptic.
+    pub has_elliptic_cones: bool,
+    /// Whether the free joint has damping.
+    pub damps_root: bool,
+    /// Whether some joint has dry friction.
+    pub has_dry_friction: bool,
+    /// Joints of each limb; a limb with fewer joints than `J` ends in joints that are always at rest.
     pub joints: [[Joint<T>; J]; L],
     pub points: Vec<Carrier<T>>,
+    /// Number of degrees of freedom.
+    pub dofs: usize,
     pub bodies: usize,
     pub touch_sensors: usize,
 }
@@ -27,20 +36,40 @@ pub struct Joint<T: Lane> {
     pub axes: [[T::Scalar; 3]; 3],
     pub zero: T::Scalar,
     pub margin: T::Scalar,
-    pub dof: usize,
+    pub limit: Impedance<T>,
+    /// Damping of the reference acceleration of dry friction; `None` without dry friction.
+    pub dry_friction: Option<T::Scalar>,
+    /// Whether it has a spring.
+    pub spring: bool,
+    /// Index in qvel; `None` for a joint that only completes the shape of the robot.
+    pub dof: Option<usize>,
     pub actuator: Option<usize>,
     /// Whether the actuator's force depends on position or velocity.
     pub servo: bool,
+    /// Whether the torque of the actuator is limited at the joint.
+    pub limited_torque: bool,
 }
 
 /// The shared part of a [`Point`].
 pub struct Carrier<T: Lane> {
     pub link: Option<(usize, usize)>,
+    pub shape: Shape<T>,
     pub tangent: Option<[T::Scalar; 3]>,
-    pub corner: Option<[T::Scalar; 3]>,
     pub margin: T::Scalar,
+    pub softness: Impedance<T>,
+    pub cone: Cone,
+    /// Number of friction dimensions: 0, 2, 3 or 5.
+    pub frictions: usize,
     pub body: usize,
     pub touch: Option<usize>,
+}
+
+/// A [`Surface`].
+pub enum Shape<T: Lane> {
+    Ball,
+    Corner([T::Scalar; 3]),
+    Rim([[T::Scalar; 3]; 3], RimPlace),
+    Ellipsoid([[T::Scalar; 3]; 3]),
 }
 
 /// A [`Softness`], ready for use.
@@ -78,12 +107,23 @@ impl<T: Lane> Impedance<T> {
         } else {
             let midpoint = T::splat(self.midpoint);
             let rest = one - x;
-            let below = x * x / midpoint;
-            let above = one - rest * rest / (one - midpoint);
+            let power = self.power - 1;
+            let below = x * raised(x, power) / raised(midpoint, power);
+            let above = one - rest * raised(rest, power) / raised(one - midpoint, power);
             T::select(x.lt(midpoint), below, above)
         };
         y.mul_add(T::splat(self.span), T::splat(self.lowest))
     }
+}
+
+/// x to the power of a positive integer.
+#[inline(always)]
+fn raised<T: Lane>(x: T, power: u8) -> T {
+    let mut product = x;
+    for _ in 1..power {
+        product = product * x;
+    }
+    product
 }
 
 impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
@@ -97,22 +137,26 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
                 )));
             }
         }
+        let links = || classes.iter().flat_map(|class| class.limbs.iter().flatten());
+        let inertias = || classes.iter().map(|class| &class.root).chain(links().map(|link| &link.inertia));
         Ok(Self {
             timestep: model.timestep,
             integrator: model.integrator,
             gravity: T::scalar(model.gravity),
             floor: T::scalar(model.floor),
-            contact: Impedance::new(&model.contact),
-            limit: Impedance::new(&model.limit),
+            compensates: inertias().any(|inertia| inertia.compensated != 0.0),
+            has_elliptic_cones: model.cone == Cone::Elliptic,
+            damps_root: classes.iter().any(|class| class.root_damping != 0.0),
+            has_dry_friction: links().any(|link| link.friction_loss > 0.0),
             joints: std::array::from_fn(|limb| {
                 std::array::from_fn(|joint| {
-                    let servo = |class: &Model| {
-                        class.limbs[limb][joint].actuator.is_some_and(|actuator| actuator.bias != [0.0; 3])
-                    };
-                    shared_joint(&model.limbs[limb][joint], classes.iter().any(servo))
+                    let of_classes: Vec<&Link> =
+                        classes.iter().filter_map(|class| class.limbs.get(limb)?.get(joint)).collect();
+                    of_classes.first().map_or_else(completing_joint, |link| shared_joint(link, &of_classes))
                 })
             }),
-            points: model.points.iter().map(shared_point).collect(),
+            points: model.points.iter().map(|point| shared_point(point, model.cone)).collect(),
+            dofs: model.dofs(),
             bodies: model.bodies,
             touch_sensors: model.touch_sensors,
         })
@@ -123,6 +167,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
 fn difference(a: &Model, b: &Model) -> Option<&'static str> {
     let links = || a.limbs.iter().flatten().zip(b.limbs.iter().flatten());
     let points = || a.points.iter().zip(&b.points);
+    let lengths = |model: &Model| model.limbs.iter().map(Vec::len).collect::<Vec<_>>();
     let index = |link: &Link| link.actuator.map(|actuator| actuator.index);
     let same_point =
         |(a, b): (&Point, &Point)| (a.link, a.body, a.touch, a.margin) == (b.link, b.body, b.touch, b.margin);
@@ -130,15 +175,19 @@ fn difference(a: &Model, b: &Model) -> Option<&'static str> {
         ("the integrator or its timestep", (a.timestep, a.integrator) == (b.timestep, b.integrator)),
         ("gravity", a.gravity == b.gravity),
         ("the floor", a.floor == b.floor),
-        ("the softness of contacts", a.contact == b.contact),
-        ("the softness of joint limits", a.limit == b.limit),
+        ("the friction cones", (a.cone, a.impedance_ratio) == (b.cone, b.impedance_ratio)),
+        ("the number of joints", lengths(a) == lengths(b)),
+        ("the softness of joint limits", links().all(|(a, b)| a.limit == b.limit)),
+        ("the softness of dry friction", links().all(|(a, b)| a.friction_softness == b.friction_softness)),
         ("the axis of a joint", links().all(|(a, b)| a.axes == b.axes && a.zero == b.zero)),
         ("the margin of a joint limit", links().all(|(a, b)| a.margin == b.margin)),
         ("which joints have actuators", links().all(|(a, b)| index(a) == index(b))),
         ("the number of contact points", a.points.len() == b.points.len()),
         ("where a contact point is fixed", points().all(same_point)),
+        ("the softness of a contact", points().all(|(a, b)| a.softness == b.softness)),
+        ("the dimensions of a contact", points().all(|(a, b)| a.dimensions == b.dimensions)),
         ("the direction of a geom", points().all(|(a, b)| a.tangent == b.tangent)),
-        ("the shape of a box", points().all(|(a, b)| a.corner == b.corner)),
+        ("the shape of a geom", points().all(|(a, b)| a.surface == b.surface)),
     ]
     .into_iter()
     .find(|(_, same)| !same)
@@ -149,23 +198,57 @@ fn scalars<T: Lane>(vector: Vector) -> [T::Scalar; 3] {
     vector.map(T::scalar)
 }
 
-fn shared_joint<T: Lane>(link: &Link, servo: bool) -> Joint<T> {
+/// What the classes have in common of one joint, `link` in the first of them.
+fn shared_joint<T: Lane>(link: &Link, of_classes: &[&Link]) -> Joint<T> {
+    let some = |has: fn(&Link) -> bool| of_classes.iter().any(|link| has(link));
     Joint {
         axes: link.axes.map(scalars::<T>),
         zero: T::scalar(link.zero),
         margin: T::scalar(link.margin),
-        dof: link.dof,
+        limit: Impedance::new(&link.limit),
+        dry_friction: some(|link| link.friction_loss > 0.0)
+            .then(|| T::scalar(link.friction_softness.damping)),
+        spring: some(|link| link.stiffness != 0.0),
+        dof: Some(link.dof),
         actuator: link.actuator.map(|actuator| actuator.index),
-        servo,
+        servo: some(|link| link.actuator.is_some_and(|actuator| actuator.bias != [0.0; 3])),
+        limited_torque: some(|link| link.actuator_range != [f64::NEG_INFINITY, f64::INFINITY]),
     }
 }
 
-fn shared_point<T: Lane>(point: &Point) -> Carrier<T> {
+/// A joint beyond the end of a limb: nothing hangs on it and nothing moves it.
+fn completing_joint<T: Lane>() -> Joint<T> {
+    let rigid =
+        Softness { stiffness: 1.0, damping: 1.0, impedance: [0.5; 2], width: 1.0, midpoint: 0.5, power: 1 };
+    Joint {
+        axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(scalars::<T>),
+        zero: T::scalar(0.0),
+        margin: T::scalar(0.0),
+        limit: Impedance::new(&rigid),
+        dry_friction: None,
+        spring: false,
+        dof: None,
+        actuator: None,
+        servo: false,
+        limited_torque: false,
+    }
+}
+
+fn shared_point<T: Lane>(point: &Point, cone: Cone) -> Carrier<T> {
     Carrier {
         link: point.link,
+        shape: match point.surface {
+            Surface::Ball => Shape::Ball,
+            Surface::Corner { way } => Shape::Corner(scalars::<T>(way)),
+            Surface::Rim { axes, place } => Shape::Rim(axes.map(scalars::<T>), place),
+            Surface::Ellipsoid { axes } => Shape::Ellipsoid(axes.map(scalars::<T>)),
+        },
         tangent: point.tangent.map(scalars::<T>),
-        corner: point.corner.map(scalars::<T>),
         margin: T::scalar(point.margin),
+        softness: Impedance::new(&point.softness),
+        // Without friction dimensions a pyramid has no edges; the elliptic cone is then the normal alone.
+        cone: if point.dimensions == 1 { Cone::Elliptic } else { cone },
+        frictions: point.dimensions - 1,
         body: point.body,
         touch: point.touch,
     }
@@ -174,6 +257,8 @@ fn shared_point<T: Lane>(point: &Point) -> Carrier<T> {
 /// What a damage class may change, lane by lane.
 pub struct Constants<T, const L: usize, const J: usize> {
     pub root: Body<T>,
+    pub root_armature: T,
+    pub root_damping: T,
     pub links: [[LinkConstants<T>; J]; L],
     pub points: Vec<PointConstants<T>>,
     /// 1 / (mean inertia · nv): makes the solver's stopping rule independent of the robot's size.
@@ -186,6 +271,8 @@ pub struct Body<T> {
     pub mass: T,
     pub com: Vec3<T>,
     pub tensor: Sym3<T>,
+    pub compensated: T,
+    pub compensated_com: Vec3<T>,
 }
 
 /// The part of a [`Link`] that damage may change.
@@ -195,9 +282,15 @@ pub struct LinkConstants<T> {
     pub body: Body<T>,
     pub armature: T,
     pub damping: T,
+    pub stiffness: T,
+    pub spring_reference: T,
+    pub friction_loss: T,
+    /// 1/R of the constraint of dry friction.
+    pub friction_weight: T,
     pub range: [T; 2],
     pub inverse_weight: T,
     pub motor: Motor<T>,
+    pub actuator_range: [T; 2],
 }
 
 /// The part of an [`Actuator`](crate::model::Actuator) that damage may change.
@@ -214,9 +307,16 @@ pub struct Motor<T> {
 #[derive(Clone, Copy)]
 pub struct PointConstants<T> {
     pub position: Vec3<T>,
-    pub radius: T,
+    pub size: Vec3<T>,
+    /// Coefficient of sliding friction; 0 without friction.
     pub friction: T,
-    /// Regularisation R of a friction pyramid's edge at impedance d is this · (1 − d) / d.
+    /// Coefficient of torsional friction, m.
+    pub torsional: T,
+    /// Coefficient of rolling friction over that of sliding friction, m; 0 without rolling friction.
+    pub rolling: T,
+    /// Square of the friction of the regularised cone (`mu` of `mjContact`).
+    pub cone_friction: T,
+    /// Regularisation R of the normal, or of an edge of a pyramid, at impedance d is this · (1 − d) / d.
     pub softness: T,
 }
 
@@ -224,38 +324,80 @@ impl<T: Lane, const L: usize, const J: usize> Constants<T, L, J> {
     /// Room for `points` contact points, all numbers zero.
     pub fn new(points: usize) -> Self {
         let zero = T::zero();
-        let body = Body { mass: zero, com: zero3(), tensor: [zero; 6] };
+        let body =
+            Body { mass: zero, com: zero3(), tensor: [zero; 6], compensated: zero, compensated_com: zero3() };
         let motor =
             Motor { gear: zero, gain: zero, bias: zero3(), ctrl_range: [zero; 2], force_range: [zero; 2] };
         let link = LinkConstants {
             offset: zero3(),
             body,
-            armature: zero,
+            // What joints keep that only complete a limb: positive inertia and no limits.
+            armature: T::of(1.0),
             damping: zero,
-            range: [zero; 2],
-            inverse_weight: zero,
+            stiffness: zero,
+            spring_reference: zero,
+            friction_loss: zero,
+            friction_weight: zero,
+            range: [T::of(f64::NEG_INFINITY), T::of(f64::INFINITY)],
+            inverse_weight: T::of(1.0),
             motor,
+            actuator_range: [zero; 2],
         };
-        let point = PointConstants { position: zero3(), radius: zero, friction: zero, softness: zero };
-        Self { root: body, links: [[link; J]; L], points: vec![point; points], solver_scale: zero }
+        let point = PointConstants {
+            position: zero3(),
+            size: zero3(),
+            friction: zero,
+            torsional: zero,
+            rolling: zero,
+            cone_friction: zero,
+            softness: zero,
+        };
+        Self {
+            root: body,
+            root_armature: zero,
+            root_damping: zero,
+            links: [[link; J]; L],
+            points: vec![point; points],
+            solver_scale: zero,
+        }
     }
 
     /// Gives a lane the numbers of a damage class.
     pub fn set(&mut self, lane: usize, model: &Model) {
         self.root.set(lane, &model.root);
-        for (link, given) in self.links.as_flattened_mut().iter_mut().zip(model.limbs.iter().flatten()) {
-            link.set(lane, given);
+        self.root_armature.set(lane, model.root_armature);
+        self.root_damping.set(lane, model.root_damping);
+        for (links, limb) in self.links.iter_mut().zip(&model.limbs) {
+            for (link, given) in links.iter_mut().zip(limb) {
+                link.set(lane, given);
+            }
         }
         for (point, given) in self.points.iter_mut().zip(&model.points) {
-            set_all(&mut point.position, lane, &given.position);
-            point.radius.set(lane, given.radius);
-            point.friction.set(lane, given.friction);
-            // Documentation: Computation, "Constraint model", diagonal approximation; for a pyramid
-            // MuJoCo takes 2 μ² (1 + μ²) times the inverse weight for each of its edges.
-            let square = given.friction * given.friction;
-            point.softness.set(lane, 2.0 * square * (1.0 + square) * given.inverse_weight);
+            point.set(lane, given, model);
         }
-        self.solver_scale.set(lane, 1.0 / (model.mean_inertia * (6 + L * J) as f64));
+        self.solver_scale.set(lane, 1.0 / (model.mean_inertia * model.dofs() as f64));
+    }
+}
+
+impl<T: Lane> PointConstants<T> {
+    fn set(&mut self, lane: usize, point: &Point, model: &Model) {
+        set_all(&mut self.position, lane, &point.position);
+        set_all(&mut self.size, lane, &point.size);
+        let [sliding, torsional, rolling] = point.friction;
+        let square = sliding * sliding;
+        // Documentation: Computation, "Constraint model", diagonal approximation; for a pyramid
+        // MuJoCo takes 2 μ² (1 + μ²) times the inverse weight for each of its edges.
+        let pyramid = 2.0 * square / model.impedance_ratio * (1.0 + square);
+        let (friction, cone_friction, scale) = match (point.dimensions, model.cone) {
+            (1, _) => (0.0, 1.0, 1.0),
+            (_, Cone::Pyramidal) => (sliding, 1.0, pyramid),
+            (_, Cone::Elliptic) => (sliding, square / model.impedance_ratio, 1.0),
+        };
+        self.friction.set(lane, friction);
+        self.torsional.set(lane, torsional);
+        self.rolling.set(lane, if point.dimensions == 6 { rolling / sliding } else { 0.0 });
+        self.cone_friction.set(lane, cone_friction);
+        self.softness.set(lane, scale * point.inverse_weight);
     }
 }
 
@@ -264,6 +406,8 @@ impl<T: Lane> Body<T> {
         self.mass.set(lane, inertia.mass);
         set_all(&mut self.com, lane, &inertia.com);
         set_all(&mut self.tensor, lane, &inertia.tensor);
+        self.compensated.set(lane, inertia.compensated);
+        set_all(&mut self.compensated_com, lane, &inertia.compensated_com);
     }
 }
 
@@ -273,7 +417,14 @@ impl<T: Lane> LinkConstants<T> {
         self.body.set(lane, &link.inertia);
         self.armature.set(lane, link.armature);
         self.damping.set(lane, link.damping);
+        self.stiffness.set(lane, link.stiffness);
+        self.spring_reference.set(lane, link.spring_reference);
+        self.friction_loss.set(lane, link.friction_loss);
+        // Dry friction has no violation, so its impedance is that at 0.
+        let impedance = link.friction_softness.impedance[0];
+        self.friction_weight.set(lane, impedance / ((1.0 - impedance) * link.inverse_weight));
         set_all(&mut self.range, lane, &link.range);
+        set_all(&mut self.actuator_range, lane, &link.actuator_range);
         self.inverse_weight.set(lane, link.inverse_weight);
         if let Some(actuator) = link.actuator {
             self.motor.gear.set(lane, actuator.gear);

@@ -7,6 +7,7 @@ use crate::bias::bias;
 use crate::constants::{Constants, Skeleton};
 use crate::contact::{Contact, find_contacts};
 use crate::coords::Coords;
+use crate::dry_friction::DryFriction;
 use crate::inertia::{Tensors, center, mass_matrix};
 use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
@@ -27,6 +28,7 @@ pub struct Dynamics<T: Lane, const L: usize, const J: usize> {
     /// Contacts with their forces.
     pub contacts: Vec<Contact<T, J>>,
     limits: Limits<T, L, J>,
+    dry_friction: DryFriction<T, L, J>,
     /// A matrix that is being factorised.
     work: Arrow<T, L, J>,
     /// Acceleration; angular entries along the world's axes.
@@ -44,6 +46,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
             actuation: Actuation::zero(),
             contacts: Vec::with_capacity(skeleton.points.len()),
             limits: Limits::none(),
+            dry_friction: DryFriction::none(),
             work: Arrow::zero(),
             acceleration: Coords::zero(),
         }
@@ -73,6 +76,11 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
                 smooth.limbs[limb][joint] += self.actuation.force[limb][joint];
             }
         }
+        if skeleton.damps_root {
+            for i in 0..6 {
+                smooth.root[i] = constants.root_damping.neg_mul_add(velocity.root[i], smooth.root[i]);
+            }
+        }
         self.work = self.mass;
         self.work.solve(&mut smooth);
 
@@ -80,16 +88,23 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
         let touching =
             find_contacts(skeleton, constants, &self.kinematics, height, &velocity, &mut self.contacts);
         self.limits.update(skeleton, constants, &position.joints, &velocity.limbs);
-        let present = touching | self.limits.present;
+        let mut present = touching | self.limits.present;
+        if skeleton.has_dry_friction {
+            self.dry_friction.update(skeleton, constants, &velocity.limbs);
+            present = !T::Mask::none();
+        }
         self.acceleration = smooth;
         if present.any() {
             let guess = self.to_world(&state.warm_start);
             let mut problem = Problem {
                 mass: &self.mass,
+                kinematics: &self.kinematics,
                 contacts: &mut self.contacts,
                 limits: &mut self.limits,
+                dry_friction: &mut self.dry_friction,
                 hessian: &mut self.work,
                 present,
+                slips: skeleton.has_elliptic_cones,
             };
             self.acceleration = problem.solve(&smooth, &guess, constants.solver_scale);
         }
@@ -101,12 +116,15 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
         self.to_root(&self.acceleration)
     }
 
-    /// Acceleration, as qacc, of a step that treats a part of the forces implicitly in velocity:
-    /// (M + h·drag)⁻¹ M a (documentation: Computation, "Numerical integration").
+    /// Acceleration, as qacc, of a step that treats a part of the forces implicitly in velocity, with the
+    /// drag of the root's coordinates and of the joints: (M + h·drag)⁻¹ M a (documentation: Computation, "Numerical integration").
     #[inline(always)]
-    pub fn implicit_qacc(&mut self, drag: &[[T; J]; L], timestep: T) -> Coords<T, L, J> {
+    pub fn implicit_qacc(&mut self, root: T, drag: &[[T; J]; L], timestep: T) -> Coords<T, L, J> {
         let mut acceleration = self.mass.mul(&self.acceleration);
         self.work = self.mass;
+        for i in 0..6 {
+            self.work.root[i][i] = timestep.mul_add(root, self.work.root[i][i]);
+        }
         for limb in 0..L {
             for joint in 0..J {
                 let entry = &mut self.work.limbs[limb][joint][joint];

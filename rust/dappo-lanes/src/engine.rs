@@ -116,19 +116,15 @@ impl Engine {
     fn of<T: Lane>(classes: Vec<Model>) -> Result<Self, Unsupported> {
         let model = classes.first().ok_or_else(|| Unsupported("there is no damage class".into()))?;
         let limbs = model.limbs.len();
-        let joints = model.limbs.first().map_or(0, Vec::len);
-        let even = classes
-            .iter()
-            .all(|class| class.limbs.len() == limbs && class.limbs.iter().all(|limb| limb.len() == joints));
+        let joints = classes.iter().flat_map(|class| class.limbs.iter().map(Vec::len)).max().unwrap_or(0);
         match (limbs, joints) {
-            _ if !even => Err(Unsupported("its limbs differ in their number of joints".into())),
-            (3, 2) => Self::shaped::<T, 3, 2>(classes),
-            (4, 2) => Self::shaped::<T, 4, 2>(classes),
-            (6, 3) => Self::shaped::<T, 6, 3>(classes),
-            (4, 3) => Self::shaped::<T, 4, 3>(classes),
+            (1..=3, 1..=2) => Self::shaped::<T, 3, 2>(classes),
+            (4, 1..=2) => Self::shaped::<T, 4, 2>(classes),
+            (1..=4, 1..=3) => Self::shaped::<T, 4, 3>(classes),
+            (5..=6, 1..=3) => Self::shaped::<T, 6, 3>(classes),
             _ => Err(Unsupported(format!(
-                "it has {limbs} limbs of {joints} joints; the lane engine is compiled for 3 and 4 limbs \
-                 of 2 joints and for 4 and 6 limbs of 3"
+                "it has {limbs} limbs of up to {joints} joints; the lane engine is compiled for up to 6 limbs of \
+                 up to 3 joints"
             ))),
         }
     }

@@ -55,7 +55,7 @@ impl<T: Lane> Forces<T> {
         }
         for contact in contacts {
             if let Some(sensor) = skeleton.points[contact.point].touch {
-                self.touch[sensor] += contact.force()[0].keep(mask);
+                self.touch[sensor] += (-contact.push().gradient[0]).keep(mask);
             }
         }
     }

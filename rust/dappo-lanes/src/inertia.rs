@@ -103,6 +103,9 @@ pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
         robot.add(&outer);
     }
     root_block(&mut matrix.root, &robot);
+    for i in 0..6 {
+        matrix.root[i][i] += constants.root_armature;
+    }
     robot
 }
 

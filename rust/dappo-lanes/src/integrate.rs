@@ -34,7 +34,7 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
             Integrator::Rk4 { rotation_correction } => {
                 self.runge_kutta(state, rotation_correction, observer);
             }
-            Integrator::Euler | Integrator::ImplicitFast => self.euler(state, observer),
+            Integrator::Euler { .. } | Integrator::ImplicitFast => self.euler(state, observer),
         }
     }
 
@@ -55,11 +55,18 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
         observer.first(self.dynamics);
         observer.last(self.dynamics, &state.position);
         state.warm_start = self.dynamics.qacc();
-        let drag = match self.skeleton.integrator {
-            Integrator::ImplicitFast => self.dynamics.actuation.drag,
-            _ => self.dynamics.actuation.damping,
+        let actuation = &self.dynamics.actuation;
+        let acceleration = match self.skeleton.integrator {
+            Integrator::Euler { implicit_damping: false } => state.warm_start,
+            Integrator::ImplicitFast => {
+                let drag = actuation.drag;
+                self.dynamics.implicit_qacc(self.constants.root_damping, &drag, timestep)
+            }
+            _ => {
+                let damping = actuation.damping;
+                self.dynamics.implicit_qacc(self.constants.root_damping, &damping, timestep)
+            }
         };
-        let acceleration = self.dynamics.implicit_qacc(&drag, timestep);
         state.velocity.add_scaled(timestep, &acceleration);
         state.position = moved(&state.position, &state.velocity, timestep);
     }

@@ -17,7 +17,10 @@ mod bias;
 mod actuation;
 
 mod contact;
+mod dry_friction;
 mod limit;
+
+mod cone;
 
 mod solver;
 

@@ -60,11 +60,11 @@ impl<T: Lane, const L: usize, const J: usize> Limits<T, L, J> {
         velocities: &[[T; J]; L],
     ) {
         let (zero, one) = (T::zero(), T::of(1.0));
-        let softness = &skeleton.limit;
         self.present = T::Mask::none();
         for limb in 0..L {
             for joint in 0..J {
                 let (link, row) = (&constants.links[limb][joint], &mut self.rows[limb][joint]);
+                let softness = &skeleton.joints[limb][joint].limit;
                 let (position, velocity) = (positions[limb][joint], velocities[limb][joint]);
                 let (below, above) = (position - link.range[0], link.range[1] - position);
                 let lower = below.lt(above);

@@ -14,6 +14,10 @@ pub struct Model {
     pub timestep: f64,
     /// How a substep is integrated.
     pub integrator: Integrator,
+    /// Shape of friction cones.
+    pub cone: Cone,
+    /// Ratio of frictional to normal impedance of contacts (`opt.impratio`).
+    pub impedance_ratio: f64,
     /// Gravitational acceleration along −z, m/s².
     pub gravity: f64,
     /// Height of the floor, m.
@@ -22,20 +26,37 @@ pub struct Model {
     pub mean_inertia: f64,
     /// Inertia of the root and of everything fixed to it.
     pub root: Inertia,
+    /// Inertia added to each of the root's coordinates (`armature` of the free joint).
+    pub root_armature: f64,
+    /// Viscous damping of each of the root's coordinates.
+    pub root_damping: f64,
     /// Links of each limb, from the root outwards.
     pub limbs: Vec<Vec<Link>>,
     /// Points that can touch the floor.
     pub points: Vec<Point>,
-    /// How the floor pushes back.
-    pub contact: Softness,
-    /// How joint limits push back.
-    pub limit: Softness,
     /// Number of bodies, the world included: rows of `cfrc_ext`.
     pub bodies: usize,
     /// Number of touch sensors.
     pub touch_sensors: usize,
     /// Number of actuators.
     pub actuators: usize,
+}
+
+impl Model {
+    /// Number of degrees of freedom: entries of qvel.
+    #[must_use]
+    pub fn dofs(&self) -> usize {
+        6 + self.limbs.iter().map(Vec::len).sum::<usize>()
+    }
+}
+
+/// Friction cones of contacts (documentation: Computation, "Contact").
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cone {
+    /// A pyramid with a pair of edges for each friction dimension.
+    Pyramidal,
+    /// An elliptic cone.
+    Elliptic,
 }
 
 /// MuJoCo's integrators (documentation: Computation, "Numerical integration").
@@ -47,8 +68,11 @@ pub enum Integrator {
         /// (Runge–Kutta–Munthe-Kaas), as MuJoCo does from 4.0 on.
         rotation_correction: bool,
     },
-    /// Semi-implicit Euler, implicit in joint damping.
-    Euler,
+    /// Semi-implicit Euler.
+    Euler {
+        /// Whether it is implicit in joint damping (`eulerdamp`).
+        implicit_damping: bool,
+    },
     /// Semi-implicit Euler, implicit in the velocity derivatives of damping and actuators.
     ImplicitFast,
 }
@@ -62,6 +86,10 @@ pub struct Inertia {
     pub com: Vector,
     /// Inertia about the centre of mass: xx, yy, zz, xy, xz, yz, kg·m².
     pub tensor: [f64; 6],
+    /// Mass whose weight is compensated (`gravcomp`), kg.
+    pub compensated: f64,
+    /// Centre of the compensated mass.
+    pub compensated_com: Vector,
 }
 
 /// A hinge and the rigid body behind it.
@@ -79,11 +107,23 @@ pub struct Link {
     pub armature: f64,
     /// Viscous damping, N·m·s.
     pub damping: f64,
+    /// Stiffness of the joint's spring, N·m/rad.
+    pub stiffness: f64,
+    /// Joint position at which the spring is at rest.
+    pub spring_reference: f64,
+    /// Largest torque of dry friction, N·m.
+    pub friction_loss: f64,
+    /// Softness of dry friction.
+    pub friction_softness: Softness,
+    /// Range that the torque of the actuator is clamped to; infinite without limits.
+    pub actuator_range: [f64; 2],
     /// Lowest and highest joint position; infinite without limits.
     pub range: [f64; 2],
     /// Distance from a limit at which it begins to push, rad.
     pub margin: f64,
-    /// `dof_invweight0`: inverse inertia that scales the limit's softness.
+    /// How the limits push back.
+    pub limit: Softness,
+    /// `dof_invweight0`: inverse inertia that scales the softness of limits and of dry friction.
     pub inverse_weight: f64,
     /// Index of the joint in qvel; its index in qpos is one more.
     pub dof: usize,
@@ -108,29 +148,70 @@ pub struct Actuator {
     pub force_range: [f64; 2],
 }
 
-/// A point that can touch the floor: a sphere, one end of a capsule or a corner of a box.
+/// A point that can touch the floor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Limb and link that carry the point; `None` for the root.
     pub link: Option<(usize, usize)>,
-    /// Centre of the sphere around the point, in the carrier's frame.
+    /// Where the point is on its geom.
+    pub surface: Surface,
+    /// Centre of the sphere around the point, or of its geom, in the carrier's frame.
     pub position: Vector,
-    /// Radius of that sphere; 0 for a corner.
-    pub radius: f64,
+    /// Size of the surface; what its numbers are depends on its shape.
+    pub size: Vector,
     /// Direction that the first friction axis follows, in the carrier's frame; the world's y without it.
     pub tangent: Option<Vector>,
-    /// For a corner: the way to it from the middle of its box, in the carrier's frame. It must lead down.
-    pub corner: Option<Vector>,
     /// Distance from the floor at which contact begins, m.
     pub margin: f64,
-    /// Coefficient of sliding friction.
-    pub friction: f64,
+    /// How the floor pushes back.
+    pub softness: Softness,
+    /// Dimensions of the contact: 1 is frictionless, 3 has sliding, 4 also torsional and 6 also rolling friction.
+    pub dimensions: usize,
+    /// Coefficients of sliding, torsional (m) and rolling (m) friction.
+    pub friction: Vector,
     /// `body_invweight0` of the point's body: inverse mass that scales the contact's softness.
     pub inverse_weight: f64,
     /// Body of the point, a row of `cfrc_ext`.
     pub body: usize,
     /// Touch sensor that feels the point.
     pub touch: Option<usize>,
+}
+
+/// What kind of point can touch the floor; directions are in the carrier's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Surface {
+    /// The lowest point of a sphere or of the end of a capsule. Size: the radius.
+    Ball,
+    /// A corner of a box, fixed to the carrier at `position`. It touches only while it is not above the middle.
+    Corner {
+        /// The way to the corner from the middle of its box.
+        way: Vector,
+    },
+    /// One of the four points of a cylinder that can touch a floor. Size: radius and half length.
+    Rim {
+        /// Axes of the cylinder; the third is that of its symmetry.
+        axes: [Vector; 3],
+        /// Which of the four.
+        place: RimPlace,
+    },
+    /// The lowest point of an ellipsoid. Size: the semi-axes.
+    Ellipsoid {
+        /// Principal axes.
+        axes: [Vector; 3],
+    },
+}
+
+/// The points of a cylinder that can touch a floor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RimPlace {
+    /// The lowest point.
+    Lowest,
+    /// The lowest point of the other end.
+    OtherEnd,
+    /// The first of the two that complete an equilateral triangle on the lower end.
+    Left,
+    /// The second of them.
+    Right,
 }
 
 /// Softness of a constraint (documentation: Modeling, "Solver parameters").
@@ -146,6 +227,6 @@ pub struct Softness {
     pub width: f64,
     /// Share of the width at which the two branches of the sigmoid meet.
     pub midpoint: f64,
-    /// Power of the sigmoid, 1 or 2.
+    /// Power of the sigmoid.
     pub power: u8,
 }

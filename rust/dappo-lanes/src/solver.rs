@@ -2,28 +2,37 @@
 //! (Documentation: Computation, "Constraint solver": minimise ½ (a − a₀)ᵀ M (a − a₀) + s(J a − reference).)
 //!
 //! Every edge of a friction pyramid and every joint limit costs ½ D r² while its residual r is negative. As
-//! long as the set of such rows does not change, the problem is quadratic and a Newton step solves it.
+//! long as the set of such rows does not change, the problem is quadratic and a Newton step solves it. So it is
+//! with dry friction while the same joints stick, and with elliptic cones while no contact slips.
 
 use crate::arrow::Arrow;
-use crate::contact::Contact;
+use crate::cone::{Push, Turn};
+use crate::contact::{Contact, Residual};
 use crate::coords::Coords;
+use crate::dry_friction::DryFriction;
+use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
 use crate::limit::Limits;
-use crate::math::{Vec3, cross, dot, scale_add, sub};
+use crate::math::{Axes, Vec3, add, cross, dot, rotate, zero3};
 
 /// More than any state needs: MuJoCo's own default is 100, and four suffice for most.
-const MAX_ITERATIONS: usize = 30;
-const MAX_LINE_SEARCH: usize = 30;
+const MAX_ITERATIONS: usize = 100;
+const MAX_LINE_SEARCH: usize = 50;
 
 /// The problem and the solver's present point.
 pub struct Problem<'a, T: Lane, const L: usize, const J: usize> {
     pub mass: &'a Arrow<T, L, J>,
+    pub kinematics: &'a Kinematics<T, L, J>,
     pub contacts: &'a mut [Contact<T, J>],
     pub limits: &'a mut Limits<T, L, J>,
+    pub dry_friction: &'a mut DryFriction<T, L, J>,
     /// Room for the Hessian.
     pub hessian: &'a mut Arrow<T, L, J>,
     /// Lanes with at least one constraint; the others keep the smooth acceleration.
     pub present: T::Mask,
+    /// Whether contacts may slip on elliptic cones. Close to the solution each Newton step then doubles the
+    /// number of correct digits, so that one more than the stopping rule asks for is worth its cost.
+    pub slips: bool,
 }
 
 /// A point of the search: the acceleration and M times its distance from the smooth one.
@@ -47,18 +56,23 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             let mut step = gradient;
             self.hessian.solve(&mut step);
             let decrement = step.dot(&gradient);
-            live = live & !(T::of(0.5) * scale * decrement).lt(tolerance);
+            let arrived = (T::of(0.5) * scale * decrement).lt(tolerance);
+            if !self.slips {
+                live = live & !arrived;
+            }
             if !live.any() {
                 break;
             }
             step.negate(live);
             let mass_step = self.mass.mul(&step);
             self.prepare_search(&step);
-            let (length, exact) = self.search(&point.momentum, &step, &mass_step, decrement, live);
+            let searched = live & !arrived;
+            let (mut length, exact) = self.search(&point.momentum, &step, &mass_step, decrement, searched);
+            length = T::select(live & arrived, T::of(1.0), length);
             point.acceleration.add_scaled(length, &step);
             point.momentum.add_scaled(length, &mass_step);
             self.advance(length);
-            live = live & !exact;
+            live = searched & !exact;
         }
         point.acceleration
     }
@@ -73,18 +87,20 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         let mut guess_cost = half * momentum.dot(&distance);
         let mut smooth_cost = T::zero();
         for contact in self.contacts.iter_mut() {
-            contact.residual = sub(contact.along(guess), contact.reference);
-            contact.slope = sub(contact.along(smooth), contact.reference);
-            let half_weight = half * contact.weight;
-            for residual in Contact::<T, J>::edges(contact.residual) {
-                guess_cost = half_weight.mul_add(negative_square(residual), guess_cost);
-            }
-            for residual in Contact::<T, J>::edges(contact.slope) {
-                smooth_cost = half_weight.mul_add(negative_square(residual), smooth_cost);
-            }
+            contact.residual = contact.along(self.kinematics, guess).less(&contact.reference);
+            contact.slope = contact.along(self.kinematics, smooth).less(&contact.reference);
+            guess_cost = contact.add_cost(&contact.residual, guess_cost);
+            smooth_cost = contact.add_cost(&contact.slope, smooth_cost);
         }
         for limb in 0..L {
             for joint in 0..J {
+                let friction = &mut self.dry_friction.rows[limb][joint];
+                if friction.somewhere {
+                    friction.residual = guess.limbs[limb][joint] - friction.reference;
+                    friction.slope = smooth.limbs[limb][joint] - friction.reference;
+                    guess_cost = friction.add_cost(friction.residual, guess_cost);
+                    smooth_cost = friction.add_cost(friction.slope, smooth_cost);
+                }
                 let limit = &mut self.limits.rows[limb][joint];
                 if !limit.somewhere {
                     continue;
@@ -99,13 +115,19 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
 
         let use_guess = guess_cost.lt(smooth_cost) & self.present;
         for contact in self.contacts.iter_mut() {
-            for (residual, &other) in contact.residual.iter_mut().zip(&contact.slope) {
-                *residual = T::select(use_guess, *residual, other);
-            }
+            contact.residual = Residual {
+                linear: select(use_guess, contact.residual.linear, contact.slope.linear),
+                angular: select(use_guess, contact.residual.angular, contact.slope.angular),
+            };
         }
         for limit in self.limits.rows.as_flattened_mut() {
             if limit.somewhere {
                 limit.residual = T::select(use_guess, limit.residual, limit.slope);
+            }
+        }
+        for friction in self.dry_friction.rows.as_flattened_mut() {
+            if friction.somewhere {
+                friction.residual = T::select(use_guess, friction.residual, friction.slope);
             }
         }
         momentum.keep(use_guess);
@@ -120,10 +142,16 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         let mut gradient = *momentum;
         *self.hessian = *self.mass;
         for contact in self.contacts.iter_mut() {
-            add_contact(contact, &mut gradient, self.hessian);
+            add_contact(contact, self.kinematics, &mut gradient, self.hessian);
         }
         for limb in 0..L {
             for joint in 0..J {
+                let friction = &self.dry_friction.rows[limb][joint];
+                if friction.somewhere {
+                    gradient.limbs[limb][joint] += friction.gradient(friction.residual);
+                    self.hessian.limbs[limb][joint][joint] +=
+                        friction.weight.keep(friction.sticks(friction.residual));
+                }
                 let limit = &mut self.limits.rows[limb][joint];
                 if limit.somewhere {
                     limit.active = limit.residual.lt(T::zero());
@@ -141,10 +169,11 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn prepare_search(&mut self, step: &Coords<T, L, J>) {
         for contact in self.contacts.iter_mut() {
-            contact.slope = contact.along(step);
+            contact.slope = contact.along(self.kinematics, step);
         }
         for limb in 0..L {
             for joint in 0..J {
+                self.dry_friction.rows[limb][joint].slope = step.limbs[limb][joint];
                 let limit = &mut self.limits.rows[limb][joint];
                 if limit.somewhere {
                     limit.slope = limit.sign * step.limbs[limb][joint];
@@ -155,8 +184,8 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
 
     /// Exact line search: Newton's method on the derivative, kept inside a bracket, first tried at 1.
     ///
-    /// Returns the length and the lanes in which a whole step left the set of pushing rows unchanged, which
-    /// have arrived at the solution.
+    /// Returns the length and the lanes in which the cost is quadratic along a whole step, which have
+    /// arrived at the solution.
     #[inline(always)]
     fn search(
         &self,
@@ -192,26 +221,33 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         (length, exact)
     }
 
-    /// First and second derivative of the cost at a length of the step, and the lanes in which the set of
-    /// pushing rows differs from that at its beginning.
+    /// First and second derivative of the cost at a length of the step, and the lanes in which the cost is
+    /// not the same quadratic function there as at its beginning.
     #[inline(always)]
     fn along(&self, length: T, smooth: (T, T)) -> (T, T, T::Mask) {
+        T::run(
+            #[inline(always)]
+            || self.add_all_along(length, smooth),
+        )
+    }
+
+    #[inline(always)]
+    fn add_all_along(&self, length: T, smooth: (T, T)) -> (T, T, T::Mask) {
         let zero = T::zero();
         let mut slope = smooth.1.mul_add(length, smooth.0);
         let mut curvature = smooth.1;
         let mut changed = T::Mask::none();
         for contact in self.contacts.iter() {
-            let residuals = Contact::<T, J>::edges(scale_add(contact.slope, length, contact.residual));
-            let slopes = Contact::<T, J>::edges(contact.slope);
-            let mut contact_changed = T::Mask::none();
-            for edge in 0..4 {
-                let active = residuals[edge].lt(zero);
-                contact_changed = contact_changed | (active ^ contact.active[edge]);
-                let weighted = (contact.weight * slopes[edge]).keep(active);
-                slope = weighted.mul_add(residuals[edge], slope);
-                curvature = weighted.mul_add(slopes[edge], curvature);
+            changed = changed | contact.add_along(length, &mut slope, &mut curvature);
+        }
+        for friction in self.dry_friction.rows.as_flattened() {
+            if friction.somewhere {
+                let residual = friction.slope.mul_add(length, friction.residual);
+                changed = changed | friction.changes(friction.residual, residual);
+                slope = friction.gradient(residual).mul_add(friction.slope, slope);
+                let weighted = (friction.weight * friction.slope).keep(friction.sticks(residual));
+                curvature = weighted.mul_add(friction.slope, curvature);
             }
-            changed = changed | (contact_changed & zero.lt(contact.weight));
         }
         for limit in self.limits.rows.as_flattened() {
             if limit.somewhere {
@@ -229,7 +265,10 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn advance(&mut self, length: T) {
         for contact in self.contacts.iter_mut() {
-            contact.residual = scale_add(contact.slope, length, contact.residual);
+            contact.residual = contact.residual.moved(&contact.slope, length);
+        }
+        for friction in self.dry_friction.rows.as_flattened_mut() {
+            friction.residual = friction.slope.mul_add(length, friction.residual);
         }
         for limit in self.limits.rows.as_flattened_mut() {
             if limit.somewhere {
@@ -246,31 +285,31 @@ fn negative_square<T: Lane>(residual: T) -> T {
     negative * negative
 }
 
+#[inline(always)]
+fn select<T: Lane>(mask: T::Mask, yes: Vec3<T>, no: Vec3<T>) -> Vec3<T> {
+    [T::select(mask, yes[0], no[0]), T::select(mask, yes[1], no[1]), T::select(mask, yes[2], no[2])]
+}
+
 /// Adds a contact's force to the gradient and its stiffness to the Hessian.
 ///
-/// The four edges make a symmetric 3 × 3 matrix in the contact's frame; the Jacobian carries it over.
+/// The stiffness is a symmetric 3 × 3 matrix in the contact's frame; the Jacobian carries it over.
 #[inline(always)]
 fn add_contact<T: Lane, const L: usize, const J: usize>(
     contact: &mut Contact<T, J>,
+    kinematics: &Kinematics<T, L, J>,
     gradient: &mut Coords<T, L, J>,
     hessian: &mut Arrow<T, L, J>,
 ) {
-    let zero = T::zero();
-    let residuals = Contact::<T, J>::edges(contact.residual);
-    let (mut weights, mut f) = ([zero; 4], [zero; 4]);
-    for edge in 0..4 {
-        contact.active[edge] = residuals[edge].lt(zero);
-        weights[edge] = contact.weight.keep(contact.active[edge]);
-        f[edge] = weights[edge] * residuals[edge];
-    }
-    let force = contact.world([(f[0] + f[1]) + (f[2] + f[3]), f[0] - f[1], f[2] - f[3]]);
+    let push = contact.push();
+    contact.active = push.active;
+    let force = contact.world(push.gradient);
     let torque = cross(contact.at, force);
     for i in 0..3 {
         gradient.root[i] += force[i];
         gradient.root[3 + i] += torque[i];
     }
 
-    let stiffness = world_stiffness(contact.tangent, weights);
+    let stiffness = world_stiffness(contact.tangent, &push);
     // [1; r×] W [1, −r×]: lower triangle of the root's block.
     let lower =
         [cross(contact.at, stiffness[0]), cross(contact.at, stiffness[1]), cross(contact.at, stiffness[2])];
@@ -286,12 +325,18 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
             hessian.root[3 + i][3 + j] += turned[j];
         }
     }
+    if contact.turns() {
+        T::run(
+            #[inline(always)]
+            || add_turn(contact, kinematics, gradient, hessian),
+        );
+    }
     let Some((limb, joints)) = contact.limb else {
         return;
     };
     for joint in 0..joints {
         let column = contact.columns[joint];
-        let pushed = [dot(stiffness[0], column), dot(stiffness[1], column), dot(stiffness[2], column)];
+        let pushed = mul(&stiffness, column);
         let turned = cross(contact.at, pushed);
         gradient.limbs[limb][joint] += dot(column, force);
         let coupling = &mut hessian.coupling[limb][joint];
@@ -305,16 +350,100 @@ fn add_contact<T: Lane, const L: usize, const J: usize>(
     }
 }
 
-/// Rows of the stiffness of a contact in the world's frame: Σ over the edges e of weight · e eᵀ.
+/// Adds what torsional and rolling friction contribute: with B the Hessian by force and torque and C that by
+/// the torque, each joint's velocity v and axis h at the contact gain B h in force and Bᵀ v + C h in torque.
 #[inline(always)]
-fn world_stiffness<T: Lane>([x, y]: [T; 2], weights: [T; 4]) -> [Vec3<T>; 3] {
-    let (first, second) = (weights[0] + weights[1], weights[2] + weights[3]);
-    let (tilt_first, tilt_second) = (weights[0] - weights[1], weights[2] - weights[3]);
+fn add_turn<T: Lane, const L: usize, const J: usize>(
+    contact: &Contact<T, J>,
+    kinematics: &Kinematics<T, L, J>,
+    gradient: &mut Coords<T, L, J>,
+    hessian: &mut Arrow<T, L, J>,
+) {
+    let turn: Turn<T> = contact.turn();
+    let (axes, turning_axes) = (contact.axes(), contact.turning_axes());
+    let torque = rotate(&turning_axes, turn.gradient);
+    let mixed = carried(&axes, &turn.mixed, &turning_axes);
+    let transposed = transpose(&mixed);
+    let stiffness = carried(&turning_axes, &turn.stiffness, &turning_axes);
+    // r × each column of B.
+    let lever = [
+        cross(contact.at, transposed[0]),
+        cross(contact.at, transposed[1]),
+        cross(contact.at, transposed[2]),
+    ];
+    for i in 0..3 {
+        gradient.root[3 + i] += torque[i];
+        for j in 0..3 {
+            hessian.root[3 + i][j] += mixed[j][i];
+        }
+        for j in 0..i + 1 {
+            hessian.root[3 + i][3 + j] += stiffness[i][j] + (lever[i][j] + lever[j][i]);
+        }
+    }
+    let Some((limb, joints)) = contact.limb else {
+        return;
+    };
+    let links = &kinematics.links[limb];
+    for joint in 0..joints {
+        let hinge = links[joint].hinge();
+        let force = mul(&mixed, hinge);
+        let turned = add(mul(&transposed, contact.columns[joint]), mul(&stiffness, hinge));
+        let whole = add(cross(contact.at, force), turned);
+        gradient.limbs[limb][joint] += dot(hinge, torque);
+        let coupling = &mut hessian.coupling[limb][joint];
+        for i in 0..3 {
+            coupling[i] += force[i];
+            coupling[3 + i] += whole[i];
+        }
+        for inner in 0..joint + 1 {
+            hessian.limbs[limb][joint][inner] +=
+                dot(contact.columns[inner], force) + dot(links[inner].hinge(), turned);
+        }
+    }
+}
+
+/// A matrix, given as rows, times a vector.
+#[inline(always)]
+fn mul<T: Lane>(rows: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {
+    [dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)]
+}
+
+#[inline(always)]
+fn transpose<T: Lane>(rows: &[Vec3<T>; 3]) -> [Vec3<T>; 3] {
+    let [a, b, c] = rows;
+    [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]]
+}
+
+/// Σᵢⱼ inner[i][j] · leftᵢ rightⱼᵀ: a matrix given along two sets of axes, in the world's coordinates.
+#[inline(always)]
+fn carried<T: Lane>(left: &Axes<T>, inner: &[Vec3<T>; 3], right: &Axes<T>) -> [Vec3<T>; 3] {
+    let mut rows = [zero3(); 3];
+    for i in 0..3 {
+        let along = rotate(right, inner[i]);
+        for row in 0..3 {
+            for column in 0..3 {
+                rows[row][column] = left[i][row].mul_add(along[column], rows[row][column]);
+            }
+        }
+    }
+    rows
+}
+
+/// Rows of the stiffness of a contact in the world's frame.
+#[inline(always)]
+fn world_stiffness<T: Lane>([x, y]: [T; 2], push: &Push<T>) -> [Vec3<T>; 3] {
+    let [normal, first, second, tilt_first, tilt_second] = push.stiffness;
     let (x2, y2) = (x * x, y * y);
-    let xx = first.mul_add(x2, second * y2);
-    let yy = first.mul_add(y2, second * x2);
-    let xy = (first - second) * (x * y);
+    let mut xx = first.mul_add(x2, second * y2);
+    let mut yy = first.mul_add(y2, second * x2);
+    let mut xy = (first - second) * (x * y);
+    if let Some(skew) = push.skew {
+        let twice = T::of(2.0) * skew * (x * y);
+        xx -= twice;
+        yy += twice;
+        xy = skew.mul_add(x2 - y2, xy);
+    }
     let xz = tilt_first * x - tilt_second * y;
     let yz = tilt_first.mul_add(y, tilt_second * x);
-    [[xx, xy, xz], [xy, yy, yz], [xz, yz, first + second]]
+    [[xx, xy, xz], [xy, yy, yz], [xz, yz, normal]]
 }

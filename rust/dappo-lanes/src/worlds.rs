@@ -63,8 +63,10 @@ impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_,
 }
 
 impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
-    const NV: usize = 6 + L * J;
-    const NQ: usize = Self::NV + 1;
+    /// Entries of qvel; qpos has one more.
+    fn dofs(&self) -> usize {
+        self.robot.skeleton.dofs
+    }
 
     pub fn new(robot: Arc<Robot<T, L, J>>) -> Self {
         let skeleton = &robot.skeleton;
@@ -78,11 +80,12 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
             forces: Forces::zero(skeleton.bodies, skeleton.touch_sensors),
             robot,
         };
-        let mut qpos = vec![0.0; Self::NQ];
+        let qvel = vec![0.0; worlds.dofs()];
+        let mut qpos = vec![0.0; worlds.dofs() + 1];
         qpos[3] = 1.0;
         for lane in 0..T::WIDTH {
             worlds.set_class(lane, 0);
-            worlds.set_state(lane, &qpos, &vec![0.0; Self::NV]);
+            worlds.set_state(lane, &qpos, &qvel);
         }
         worlds
     }
@@ -91,7 +94,9 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     fn joints(&self, mut visit: impl FnMut(usize, usize, usize)) {
         for (limb, joints) in self.robot.skeleton.joints.iter().enumerate() {
             for (joint, shared) in joints.iter().enumerate() {
-                visit(limb, joint, shared.dof);
+                if let Some(dof) = shared.dof {
+                    visit(limb, joint, dof);
+                }
             }
         }
     }
@@ -187,7 +192,7 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
     fn set_state(&mut self, lane: usize, qpos: &[f64], qvel: &[f64]) {
         self.set_qpos(lane, qpos);
         self.state.velocity = self.coords(lane, self.state.velocity, qvel);
-        self.state.warm_start = self.coords(lane, self.state.warm_start, &vec![0.0; Self::NV]);
+        self.state.warm_start = self.coords(lane, self.state.warm_start, &vec![0.0; self.dofs()]);
         self.evaluated_x[lane] = qpos[0];
     }
 
@@ -248,13 +253,13 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
     }
 
     fn row(&self) -> usize {
-        Self::NQ + 2 * Self::NV + 1
+        3 * self.dofs() + 2
     }
 
     fn save(&self, lane: usize, row: &mut [f64]) {
-        let (qpos, rest) = row.split_at_mut(Self::NQ);
-        let (qvel, rest) = rest.split_at_mut(Self::NV);
-        let (warm_start, rest) = rest.split_at_mut(Self::NV);
+        let (qpos, rest) = row.split_at_mut(self.dofs() + 1);
+        let (qvel, rest) = rest.split_at_mut(self.dofs());
+        let (warm_start, rest) = rest.split_at_mut(self.dofs());
         self.read_qpos(lane, qpos);
         self.read_coords(&self.state.velocity, lane, qvel);
         self.read_coords(&self.state.warm_start, lane, warm_start);
@@ -262,9 +267,9 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
     }
 
     fn load(&mut self, lane: usize, row: &[f64]) {
-        let (qpos, rest) = row.split_at(Self::NQ);
-        let (qvel, rest) = rest.split_at(Self::NV);
-        let (warm_start, rest) = rest.split_at(Self::NV);
+        let (qpos, rest) = row.split_at(self.dofs() + 1);
+        let (qvel, rest) = rest.split_at(self.dofs());
+        let (warm_start, rest) = rest.split_at(self.dofs());
         self.set_qpos(lane, qpos);
         self.state.velocity = self.coords(lane, self.state.velocity, qvel);
         self.state.warm_start = self.coords(lane, self.state.warm_start, warm_start);

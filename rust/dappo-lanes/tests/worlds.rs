@@ -2,13 +2,21 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
 
-use dappo_lanes::model::{Actuator, Inertia, Integrator, Link, Model, Point, Softness};
+use dappo_lanes::model::{Actuator, Cone, Inertia, Integrator, Link, Model, Point, Softness, Surface};
 use dappo_lanes::{Engine, Group, Precision, Readout, Simd};
 
 const LIMBS: usize = 4;
 const JOINTS: usize = 2;
 const NV: usize = 6 + LIMBS * JOINTS;
 const NQ: usize = NV + 1;
+const SOFTNESS: Softness = Softness {
+    stiffness: 2500.0,
+    damping: 100.0,
+    impedance: [0.9, 0.95],
+    width: 0.001,
+    midpoint: 0.5,
+    power: 2,
+};
 
 /// A quadruped of round numbers; `heavier` and `narrower` are its damage.
 fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
@@ -16,6 +24,8 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
         mass,
         com: [x, 0.0, 0.0],
         tensor: [1e-3 * mass, 2e-3 * mass, 3e-3 * mass, 0.0, 1e-4 * mass, 0.0],
+        compensated: 0.0,
+        compensated_com: [0.0; 3],
     };
     let link = |limb: usize, joint: usize| {
         let angle = std::f64::consts::FRAC_PI_2 * (limb as f64 + 0.5);
@@ -32,8 +42,14 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
             inertia: if limb == 0 && !hip { body(0.2 * heavier, 0.15) } else { body(0.2, 0.1) },
             armature: 0.02,
             damping: 0.1,
+            stiffness: 0.0,
+            spring_reference: 0.0,
+            friction_loss: 0.0,
+            friction_softness: SOFTNESS,
+            actuator_range: [f64::NEG_INFINITY, f64::INFINITY],
             range: if limb == 1 && hip { [-narrower, narrower] } else { [-0.8, 0.8] },
             margin: 0.0,
+            limit: SOFTNESS,
             inverse_weight: 3.0,
             dof: 6 + JOINTS * limb + joint,
             actuator: Some(Actuator {
@@ -48,35 +64,31 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
     };
     let foot = |limb: usize| Point {
         link: Some((limb, 1)),
+        surface: Surface::Ball,
         position: [0.3, 0.0, 0.0],
-        radius: 0.03,
+        size: [0.03, 0.0, 0.0],
         tangent: Some([1.0, 0.0, 0.0]),
-        corner: None,
         margin: 0.001,
-        friction: 0.9,
+        softness: SOFTNESS,
+        dimensions: 3,
+        friction: [0.9, 0.005, 0.0001],
         inverse_weight: 2.0,
         body: 2 + limb,
         touch: Some(limb),
     };
-    let softness = Softness {
-        stiffness: 2500.0,
-        damping: 100.0,
-        impedance: [0.9, 0.95],
-        width: 0.001,
-        midpoint: 0.5,
-        power: 2,
-    };
     Model {
         timestep: 0.005,
         integrator,
+        cone: Cone::Pyramidal,
+        impedance_ratio: 1.0,
         gravity: 9.81,
         floor: 0.0,
         mean_inertia: 0.5,
         root: body(2.0, 0.0),
+        root_armature: 0.0,
+        root_damping: 0.0,
         limbs: (0..LIMBS).map(|limb| (0..JOINTS).map(|joint| link(limb, joint)).collect()).collect(),
         points: (0..LIMBS).map(foot).collect(),
-        contact: softness,
-        limit: softness,
         bodies: 2 + LIMBS,
         touch_sensors: LIMBS,
         actuators: LIMBS * JOINTS,

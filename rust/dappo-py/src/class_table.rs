@@ -68,10 +68,19 @@ impl<'py> ClassTable<'py> {
     /// The compiled robot of the lane engine if `kind` allows it, or else why not; empty if it was not
     /// requested.
     pub fn lane_table(&self, kind: BackendKind) -> PyResult<Result<LaneTable, String>> {
+        if kind == BackendKind::Mujoco {
+            return Ok(Err(String::new()));
+        }
         // Python's errors are not the lane engine's, so everything is read before it compiles.
-        let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };
-        let muted_touch = self.muted_touch()?;
-        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch)).or_raise()
+        let compiled = self.compile_lanes()?;
+        kind.lane_table(|| compiled).or_raise()
+    }
+
+    /// The compiled robot of the lane engine, or why it cannot be.
+    fn compile_lanes(&self) -> PyResult<Result<LaneTable, SimError>> {
+        let (arrays, muted_touch) = (self.arrays()?, self.muted_touch()?);
+        let Layout { main_body, touch_addresses, .. } = &self.layout;
+        Ok(LaneTable::compile(&arrays, *main_body, touch_addresses, muted_touch))
     }
 
     /// A backend over this table; `lanes` is what [`lane_table`](Self::lane_table) made of it.
@@ -189,5 +198,16 @@ impl<'py> ClassTable<'py> {
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
         // which the owner keeps alive.
         Ok(unsafe { WorkerFields::new(address, fields, divergences, Box::new(data.clone().unbind())) })
+    }
+}
+
+/// Returns why the lane engine cannot simulate a class table, and in what it differs from the options of the MJCF
+/// where it can: two lists of sentences.
+#[pyfunction]
+pub fn lane_support(table: &Bound<'_, PyAny>) -> PyResult<(Vec<String>, Vec<String>)> {
+    match ClassTable::read(table)?.compile_lanes()? {
+        Ok(table) => Ok((Vec::new(), table.notes().to_vec())),
+        Err(SimError::Unsupported(reasons)) => Ok((reasons, Vec::new())),
+        Err(error) => Err(error).or_raise(),
     }
 }

@@ -89,12 +89,16 @@ impl TableFactory {
         check_training(config, self.sizes(config)?, &self.layout, self.space.classes().len())
     }
 
-    /// A line about what simulates: which backend, how precise, where, and why not the faster one.
+    /// A line about what simulates: which backend, how precise, where, and why not the faster one or in what
+    /// it differs from the options of the model.
     pub fn describe(&self, physics: Physics) -> String {
         let what = format!("backend {}, {}", physics.backend(), physics.precision());
         match (physics, &self.lanes) {
             (Physics::Warp(device), _) => format!("{what}, device {}", device.name()),
             (Physics::Mujoco, Err(note)) if !note.is_empty() => format!("{what}: {note}"),
+            (Physics::Lanes(_), Ok(table)) if !table.notes().is_empty() => {
+                format!("{what}: {}", table.notes().join("; "))
+            }
             (Physics::Lanes(_) | Physics::Mujoco, _) => what,
         }
     }

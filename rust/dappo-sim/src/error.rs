@@ -42,9 +42,9 @@ pub enum SimError {
         reason: String,
     },
 
-    /// A robot that the lane engine does not support; `mujoco` simulates it.
-    #[error("the lane engine cannot simulate this robot: {0}")]
-    Unsupported(String),
+    /// A robot that the lane engine does not support, with all reasons; `mujoco` simulates it.
+    #[error("the lane engine cannot simulate this robot: {}", .0.join("; "))]
+    Unsupported(Vec<String>),
 
     /// A worker pool could not be started.
     #[error("cannot start {threads} worker threads: {reason}")]

@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     fn unsupported() -> Result<LaneTable, SimError> {
-        Err(SimError::Unsupported("it has wheels".into()))
+        Err(SimError::Unsupported(vec!["it has wheels".into()]))
     }
 
     #[test]

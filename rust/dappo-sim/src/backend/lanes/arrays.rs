@@ -23,7 +23,7 @@ pub trait ModelReader {
     fn names(&self) -> Result<Vec<u8>, Self::Error>;
 }
 
-/// The first entry of a field that is not zero although the lane engine needs it to be.
+/// An entry of a field that is not zero although the lane engine needs it to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Switched {
     /// Index in [`OFF`].
@@ -47,6 +47,10 @@ macro_rules! model_arrays {
             pub integrator: i32,
             /// `opt.disableflags`.
             pub disableflags: i32,
+            /// `opt.enableflags`.
+            pub enableflags: i32,
+            /// `opt.cone`.
+            pub cone: i32,
             /// `opt.gravity`.
             pub gravity: Vec<f64>,
             /// `stat.meaninertia`.
@@ -69,6 +73,8 @@ macro_rules! model_arrays {
                     $($scalar: scalar(concat!("opt.", stringify!($scalar)))?,)*
                     integrator: flag("opt.integrator")?,
                     disableflags: flag("opt.disableflags")?,
+                    enableflags: flag("opt.enableflags")?,
+                    cone: flag("opt.cone")?,
                     gravity: reader.reals("opt.gravity")?,
                     meaninertia: scalar("stat.meaninertia")?,
                     rotation_correction,
@@ -81,23 +87,25 @@ macro_rules! model_arrays {
 }
 
 model_arrays! {
-    sizes: nq nv nu nbody njnt nsensor npair;
+    sizes: nq nv nu nbody njnt nsensor nsensordata npair neq ntendon;
     reals:
-        qpos0 body_pos body_quat body_ipos body_iquat body_mass body_inertia body_invweight0
-        jnt_pos jnt_axis jnt_range jnt_margin jnt_solref jnt_solimp
-        dof_armature dof_damping dof_invweight0
+        qpos0 qpos_spring body_pos body_quat body_ipos body_iquat body_mass body_inertia body_invweight0
+        body_gravcomp
+        jnt_pos jnt_axis jnt_range jnt_margin jnt_solref jnt_solimp jnt_stiffness jnt_actfrcrange
+        dof_armature dof_damping dof_frictionloss dof_invweight0 dof_solref dof_solimp
         geom_pos geom_quat geom_size
         pair_friction pair_margin pair_solref pair_solimp
         actuator_gear actuator_gainprm actuator_biasprm actuator_ctrlrange actuator_forcerange
         site_pos site_quat site_size;
     integers:
         body_parentid body_jntadr body_jntnum
-        jnt_type jnt_qposadr jnt_dofadr jnt_limited dof_jntid
+        jnt_type jnt_qposadr jnt_dofadr jnt_limited jnt_actfrclimited dof_jntid
         geom_type geom_bodyid geom_contype geom_conaffinity
         pair_geom1 pair_geom2 pair_dim
         actuator_trnid actuator_biastype actuator_ctrllimited actuator_forcelimited actuator_ctrlnum
         site_type site_bodyid sensor_objid sensor_adr
-        name_bodyadr name_jntadr name_geomadr name_pairadr name_actuatoradr name_sensoradr;
+        name_bodyadr name_jntadr name_geomadr name_pairadr name_actuatoradr name_sensoradr
+        name_eqadr name_tendonadr;
     scalars: timestep impratio solver iterations ls_iterations;
 }
 
@@ -106,9 +114,12 @@ fn switched<R: ModelReader>(reader: &R) -> Result<Vec<Switched>, R::Error> {
     let mut found = Vec::new();
     for (feature, (name, _, _)) in OFF.iter().enumerate() {
         let values = reader.optional(name)?.unwrap_or_default();
-        if let Some(at) = values.iter().position(|value| *value != 0.0) {
-            found.push(Switched { feature, share: at as f64 / values.len() as f64, value: values[at] });
-        }
+        let on = values.iter().enumerate().filter(|(_, value)| **value != 0.0);
+        found.extend(on.map(|(at, value)| Switched {
+            feature,
+            share: at as f64 / values.len() as f64,
+            value: *value,
+        }));
     }
     Ok(found)
 }
@@ -137,12 +148,29 @@ impl ModelArrays {
             Owner::Pair => ("contact pair", &self.name_pairadr),
             Owner::Actuator => ("actuator", &self.name_actuatoradr),
             Owner::Sensor => ("sensor", &self.name_sensoradr),
+            Owner::Equality => ("equality", &self.name_eqadr),
+            Owner::Tendon => ("tendon", &self.name_tendonadr),
         };
         let start = addresses.get(index).map_or(self.names.len(), |&at| at as usize);
         let name = self.names.get(start..).unwrap_or_default().split(|&byte| byte == 0).next();
         match name.map(String::from_utf8_lossy) {
             Some(name) if !name.is_empty() => format!("{kind} `{name}`"),
             _ => format!("{kind} {index}"),
+        }
+    }
+
+    /// A part with how many others it has something in common, and the form of the verb.
+    pub(super) fn called_with_others(
+        &self,
+        owner: Owner,
+        index: usize,
+        others: usize,
+        (singular, plural): (&'static str, &'static str),
+    ) -> (String, &'static str) {
+        let called = self.called(owner, index);
+        match others {
+            0 => (called, singular),
+            _ => (format!("{called} and {others} more"), plural),
         }
     }
 
@@ -157,6 +185,8 @@ impl ModelArrays {
             Owner::Pair => self.npair,
             Owner::Actuator => self.nu,
             Owner::Sensor => self.nsensor,
+            Owner::Equality => self.neq,
+            Owner::Tendon => self.ntendon,
         }
     }
 }

@@ -1,13 +1,13 @@
 //! From compiled MuJoCo models to the lane engine's.
 
-use dappo_lanes::model::{Integrator, Vector};
+use dappo_lanes::model::{Cone, Integrator, Surface, Vector};
 use dappo_lanes::{Engine, Model, Precision as Format, Simd, Unsupported};
 
 use super::arrays::ModelArrays;
-use super::contacts::{Contacts, attach_sensors};
+use super::contacts::{Contacts, attach_sensors, check_geoms};
 use super::features::Owner;
-use super::joints::{limit_softness, links};
-use super::refuse::{check_features, refuse};
+use super::joints::{links, root_parameters};
+use super::refuse::{EULER_DAMPING_OFF, Reasons, check_features, notes, refuse};
 use super::tree::Tree;
 use crate::backend::Precision;
 use crate::error::SimError;
@@ -19,19 +19,21 @@ pub struct LaneTable {
     /// Positions with which an episode begins, one row a class.
     starts: Vec<Vec<f64>>,
     muted_touch: Vec<Vec<bool>>,
-    velocities: usize,
+    notes: Vec<String>,
 }
 
 impl LaneTable {
-    /// Compiles all classes, or returns what of the robot the engine does not support.
+    /// Compiles all classes, or returns all of the robot that the engine does not support.
     ///
     /// `main_body` is the body whose velocity is measured.
     ///
     /// # Shapes
-    /// `muted_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
+    /// - `touch_addresses`: `[limbs]`, addresses in sensordata of the touch sensors that are read, or empty
+    /// - `muted_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
     pub fn compile(
         classes: &[ModelArrays],
         main_body: usize,
+        touch_addresses: &[usize],
         muted_touch: Vec<Vec<bool>>,
     ) -> Result<Self, SimError> {
         let Some(healthy) = classes.first().filter(|_| classes.len() == muted_touch.len()) else {
@@ -41,19 +43,22 @@ impl LaneTable {
                 muted_touch.len()
             )));
         };
-        let compiled = classes.iter().enumerate().map(|(class, arrays)| {
-            compile(arrays, main_body).map_err(|Unsupported(why)| match class {
-                0 => Unsupported(why),
-                _ => Unsupported(format!("in damage class {class}, {why}")),
-            })
-        });
-        let mut models: Vec<Model> = compiled.collect::<Result<_, _>>().map_err(unsupported)?;
+        let mut models = Vec::with_capacity(classes.len());
+        for (class, arrays) in classes.iter().enumerate() {
+            // What the healthy robot has, all classes have.
+            models.push(compile(arrays, main_body, touch_addresses).map_err(|mut reasons| {
+                if class > 0 {
+                    reasons.iter_mut().for_each(|why| *why = format!("in damage class {class}, {why}"));
+                }
+                SimError::Unsupported(reasons)
+            })?);
+        }
         align(&mut models);
         let table = Self {
             models,
             starts: classes.iter().map(|arrays| arrays.qpos0.clone()).collect(),
             muted_touch,
-            velocities: healthy.nv,
+            notes: notes(healthy),
         };
         // The engine has conditions of its own, whatever the precision and the instruction set.
         table.engine(Precision::F64, Simd::Portable)?;
@@ -63,6 +68,12 @@ impl LaneTable {
     /// The lane engine for this robot.
     pub fn engine(&self, precision: Precision, simd: Simd) -> Result<Engine, SimError> {
         Engine::new(self.models.clone(), Format::from(precision), simd).map_err(unsupported)
+    }
+
+    /// Where the engine deliberately differs from the options of the model, one sentence each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Number of damage classes.
@@ -77,7 +88,7 @@ impl LaneTable {
         let model = &self.models[0];
         Sizes {
             nq: self.starts[0].len(),
-            nv: self.velocities,
+            nv: model.dofs(),
             nu: model.actuators,
             nbody: model.bodies,
             touch: model.touch_sensors,
@@ -109,9 +120,13 @@ pub struct Sizes {
 }
 
 fn unsupported(Unsupported(why): Unsupported) -> SimError {
-    SimError::Unsupported(why)
+    SimError::Unsupported(vec![why])
 }
 
+/// `mjCONE_ELLIPTIC`.
+const ELLIPTIC: i32 = 1;
+/// `mjMINVAL`.
+const TINY: f64 = 1e-15;
 /// Directions that differ by less are the same, but for rounding: MuJoCo derives that of a capsule from its ends.
 const ROUNDING: f64 = 1e-12;
 
@@ -120,54 +135,68 @@ fn align(models: &mut [Model]) {
     let Some((healthy, damaged)) = models.split_first_mut() else { return };
     for model in damaged {
         for (point, like) in model.points.iter_mut().zip(&healthy.points) {
-            snap(&mut point.tangent, like.tangent);
-            snap(&mut point.corner, like.corner);
+            if let (Some(own), Some(like)) = (&mut point.tangent, &like.tangent) {
+                snap(own, like);
+            }
+            match (&mut point.surface, &like.surface) {
+                (Surface::Corner { way: own }, Surface::Corner { way: like }) => snap(own, like),
+                (Surface::Rim { axes: own, .. }, Surface::Rim { axes: like, .. })
+                | (Surface::Ellipsoid { axes: own }, Surface::Ellipsoid { axes: like }) => {
+                    own.iter_mut().zip(like).for_each(|(own, like)| snap(own, like));
+                }
+                _ => {}
+            }
         }
     }
 }
 
 /// Takes over a direction that is almost the same.
-fn snap(own: &mut Option<Vector>, like: Option<Vector>) {
-    if let (Some(own), Some(like)) = (own, like)
-        && own.iter().zip(&like).all(|(own, like)| (own - like).abs() < ROUNDING)
-    {
-        *own = like;
+fn snap(own: &mut Vector, like: &Vector) {
+    if own.iter().zip(like).all(|(own, like)| (own - like).abs() < ROUNDING) {
+        *own = *like;
     }
 }
 
-/// One model compiled for the engine.
-fn compile(arrays: &ModelArrays, main_body: usize) -> Result<Model, Unsupported> {
-    check_features(arrays)?;
-    let integrator = integrator(arrays)?;
-    let tree = Tree::new(arrays)?;
-    if tree.root != main_body {
-        let (main, root) = (arrays.called(Owner::Body, main_body), arrays.called(Owner::Body, tree.root));
-        return refuse(format!("main_body, {main}, is not {root}, which hangs on the free joint"));
-    }
-    let limbs = links(arrays, &tree)?;
-    let mut contacts = Contacts::new(arrays, &tree)?;
-    attach_sensors(arrays, &tree, &mut contacts.points)?;
-    Ok(Model {
-        timestep: arrays.timestep,
-        integrator,
-        gravity: -arrays.gravity[2],
-        floor: contacts.floor,
-        mean_inertia: arrays.meaninertia,
-        root: tree.root_inertia(),
-        limbs,
-        points: contacts.points,
-        contact: contacts.softness,
-        limit: limit_softness(arrays)?,
-        bodies: arrays.nbody,
-        touch_sensors: arrays.nsensor,
-        actuators: arrays.nu,
-    })
+/// One model compiled for the engine, or the reasons against it.
+fn compile(arrays: &ModelArrays, main_body: usize, touch_addresses: &[usize]) -> Result<Model, Vec<String>> {
+    let mut reasons = Reasons::default();
+    check_features(arrays, touch_addresses, &mut reasons);
+    check_geoms(arrays, &mut reasons);
+    let integrator = reasons.keep(integrator(arrays));
+    let model = reasons.keep(Tree::new(arrays)).and_then(|tree| {
+        if tree.root != main_body {
+            let (main, root) = (arrays.called(Owner::Body, main_body), arrays.called(Owner::Body, tree.root));
+            reasons.add(format!("main_body, {main}, is not {root}, which hangs on the free joint"));
+        }
+        let [root_armature, root_damping] = root_parameters(arrays, &mut reasons);
+        let limbs = links(arrays, &tree, &mut reasons);
+        let mut contacts = Contacts::new(arrays, &tree, &mut reasons)?;
+        attach_sensors(arrays, &tree, touch_addresses, &mut contacts.points, &mut reasons);
+        Some(Model {
+            timestep: arrays.timestep,
+            integrator: integrator?,
+            cone: if arrays.cone == ELLIPTIC { Cone::Elliptic } else { Cone::Pyramidal },
+            impedance_ratio: arrays.impratio.max(TINY),
+            gravity: -arrays.gravity[2],
+            floor: contacts.floor,
+            mean_inertia: arrays.meaninertia,
+            root: tree.root_inertia(),
+            root_armature,
+            root_damping,
+            limbs,
+            points: contacts.points,
+            bodies: arrays.nbody,
+            touch_sensors: arrays.nsensordata,
+            actuators: arrays.nu,
+        })
+    });
+    reasons.unless_any(model)
 }
 
 /// `mjtIntegrator`.
 fn integrator(arrays: &ModelArrays) -> Result<Integrator, Unsupported> {
     match (arrays.integrator, arrays.rotation_correction) {
-        (0, _) => Ok(Integrator::Euler),
+        (0, _) => Ok(Integrator::Euler { implicit_damping: arrays.disableflags & EULER_DAMPING_OFF == 0 }),
         (1, Some(rotation_correction)) => Ok(Integrator::Rk4 { rotation_correction }),
         (1, None) => refuse("this version of MuJoCo rotates bodies in RK4 differently from the engine"),
         (3, _) => Ok(Integrator::ImplicitFast),

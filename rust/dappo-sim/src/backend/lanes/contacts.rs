@@ -1,12 +1,12 @@
-//! Contacts with the floor: explicit pairs of one plane with spheres, capsules and boxes.
+//! Contacts with the floor: explicit pairs of one plane with spheres, capsules, cylinders, ellipsoids and boxes.
 
 use dappo_lanes::Unsupported;
-use dappo_lanes::model::{Point, Softness, Vector};
+use dappo_lanes::model::{Point, RimPlace, Surface, Vector};
 
 use super::arrays::ModelArrays;
 use super::features::Owner;
 use super::geometry::{Pose, add, dot, scale, sub};
-use super::refuse::refuse;
+use super::refuse::{Reasons, refuse};
 use super::softness::softness;
 use super::tree::{Carrier, Tree};
 
@@ -14,7 +14,11 @@ use super::tree::{Carrier, Tree};
 const PLANE: i32 = 0;
 pub(super) const SPHERE: i32 = 2;
 pub(super) const CAPSULE: i32 = 3;
+const ELLIPSOID: i32 = 4;
+const CYLINDER: i32 = 5;
 const BOX: i32 = 6;
+/// Shapes whose contacts with a plane the engine knows.
+const SHAPES: [i32; 5] = [SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX];
 /// `mjMINMU`, the least friction of a contact.
 const LEAST_FRICTION: f64 = 1e-5;
 /// How far from +z the floor's normal may point.
@@ -26,54 +30,79 @@ const ROUNDING: f64 = 1e-9;
 pub(super) struct Contacts {
     pub floor: f64,
     pub points: Vec<Point>,
-    pub softness: Softness,
 }
 
 impl Contacts {
     /// Reads the contact pairs; any contact but one with the floor is refused.
-    pub fn new(model: &ModelArrays, tree: &Tree) -> Result<Self, Unsupported> {
-        check_masks(model)?;
+    pub fn new(model: &ModelArrays, tree: &Tree, reasons: &mut Reasons) -> Option<Self> {
         let mut floor = None;
         let mut points = Vec::new();
         for pair in 0..model.npair {
-            let (plane, geom) = split(model, pair)?;
-            if *floor.get_or_insert(plane) != plane {
-                let (one, two) = (floor.unwrap_or(plane), plane);
-                let (one, two) = (model.called(Owner::Geom, one), model.called(Owner::Geom, two));
-                return refuse(format!("{one} and {two} are two floors; it supports one"));
+            let Some((plane, geom)) = reasons.keep(split(model, pair)) else { continue };
+            let first = *floor.get_or_insert(plane);
+            if first != plane {
+                let (one, two) = (model.called(Owner::Geom, first), model.called(Owner::Geom, plane));
+                reasons.add(format!("{one} and {two} are two floors; it supports one"));
+            } else if let Some(touching) = reasons.keep(touching(model, tree, pair, geom)) {
+                points.extend(touching);
             }
-            check_pair(model, pair)?;
-            points.extend(touching(model, tree, pair, geom)?);
         }
         let Some(plane) = floor else {
-            return refuse("no geom can touch a floor (there is no contact pair)");
+            if !masks_match(model).any(|_| true) {
+                reasons.add("no geom can touch a floor (there is no contact pair)");
+            }
+            return None;
         };
-        Ok(Self { floor: height(model, plane)?, points, softness: contact_softness(model)? })
+        Some(Self { floor: reasons.keep(height(model, plane))?, points })
     }
 }
 
-/// Contacts that MuJoCo would find by masks are none of the pairs.
-fn check_masks(model: &ModelArrays) -> Result<(), Unsupported> {
-    let masks = || model.geom_contype.iter().zip(&model.geom_conaffinity);
-    for (a, (contype, _)) in masks().enumerate() {
-        if let Some((b, _)) =
-            masks().enumerate().find(|&(b, (_, conaffinity))| a != b && contype & conaffinity != 0)
-        {
-            let (one, two) = (model.called(Owner::Geom, a), model.called(Owner::Geom, b));
-            return refuse(format!(
-                "{one} and {two} touch each other by contype and conaffinity; it supports explicit contact pairs \
-                 with the floor alone, which a class table generates for a robot that can touch nothing else"
-            ));
-        }
+/// Finds what of the geoms is refused, whatever carries them: contacts by masks instead of pairs, and shapes.
+pub(super) fn check_geoms(model: &ModelArrays, reasons: &mut Reasons) {
+    if let Some((a, b)) = masks_match(model).next() {
+        let (one, two) = (model.called(Owner::Geom, a), model.called(Owner::Geom, b));
+        reasons.add(format!(
+            "{one} and {two} touch each other by contype and conaffinity; it supports explicit contact pairs \
+             with the floor alone, which a class table generates for a robot that can touch nothing else"
+        ));
     }
-    Ok(())
+    let pairs =
+        (0..model.npair).map(|pair| (model.pair_geom1[pair] as usize, model.pair_geom2[pair] as usize));
+    let mut shapeless: Vec<usize> = masks_match(model)
+        .chain(pairs)
+        .flat_map(|(a, b)| [(a, b), (b, a)])
+        .filter(|&(plane, geom)| is_floor(model, plane) && !SHAPES.contains(&model.geom_type[geom]))
+        .map(|(_, geom)| geom)
+        .collect();
+    shapeless.sort_unstable();
+    shapeless.dedup();
+    if let Some(&geom) = shapeless.first() {
+        let (called, verb) = model.called_with_others(Owner::Geom, geom, shapeless.len() - 1, ("is", "are"));
+        reasons.add(format!(
+            "{called} can touch the floor but {verb} not a sphere, capsule, cylinder, ellipsoid or box \
+             (geom_type = {})",
+            model.geom_type[geom]
+        ));
+    }
+}
+
+/// Pairs of geoms that MuJoCo lets touch each other by their masks.
+fn masks_match(model: &ModelArrays) -> impl Iterator<Item = (usize, usize)> {
+    let geoms = 0..model.geom_type.len();
+    geoms
+        .clone()
+        .flat_map(move |a| geoms.clone().map(move |b| (a, b)))
+        .filter(|&(a, b)| a != b && model.geom_contype[a] & model.geom_conaffinity[b] != 0)
+}
+
+fn is_floor(model: &ModelArrays, geom: usize) -> bool {
+    model.geom_type[geom] == PLANE && model.geom_bodyid[geom] == 0
 }
 
 /// The plane and the other geom of a pair.
 fn split(model: &ModelArrays, pair: usize) -> Result<(usize, usize), Unsupported> {
     let [one, two] = [model.pair_geom1[pair] as usize, model.pair_geom2[pair] as usize];
-    let is_floor = |geom: usize| model.geom_type[geom] == PLANE && model.geom_bodyid[geom] == 0;
-    match (is_floor(one), is_floor(two)) {
+    match (is_floor(model, one), is_floor(model, two)) {
         (true, false) => Ok((one, two)),
         (false, true) => Ok((two, one)),
         _ => {
@@ -83,17 +112,15 @@ fn split(model: &ModelArrays, pair: usize) -> Result<(usize, usize), Unsupported
     }
 }
 
-fn check_pair(model: &ModelArrays, pair: usize) -> Result<(), Unsupported> {
-    let called = || model.called(Owner::Pair, pair);
-    let dimensions = model.pair_dim[pair];
-    if dimensions != 3 {
-        return refuse(format!("{} has condim {dimensions}; it supports 3, sliding friction", called()));
-    }
+/// Coefficients of sliding, torsional and rolling friction of a pair.
+fn friction(model: &ModelArrays, pair: usize) -> Result<Vector, Unsupported> {
     let friction: [f64; 5] = ModelArrays::row(&model.pair_friction, pair);
-    if friction[0] != friction[1] {
-        return refuse(format!("{} has friction {friction:?}, not the same in both directions", called()));
+    let dimensions = model.pair_dim[pair];
+    if (dimensions > 1 && friction[0] != friction[1]) || (dimensions > 4 && friction[3] != friction[4]) {
+        let called = model.called(Owner::Pair, pair);
+        return refuse(format!("{called} has friction {friction:?}, not the same in both directions"));
     }
-    Ok(())
+    Ok([friction[0], friction[2], friction[3]].map(|coefficient| coefficient.max(LEAST_FRICTION)))
 }
 
 /// Height of the floor, which must be level.
@@ -120,95 +147,102 @@ fn touching(model: &ModelArrays, tree: &Tree, pair: usize, geom: usize) -> Resul
         Carrier::World => return refuse(format!("{} cannot move", model.called(Owner::Geom, geom))),
     };
     let pose = pose.then(&geom_pose(model, geom));
-    let point = |position: Vector, radius: f64, tangent: Option<Vector>, corner: Option<Vector>| Point {
+    let size = ModelArrays::vector(&model.geom_size, geom);
+    let softness = softness(
+        ModelArrays::row(&model.pair_solref, pair),
+        ModelArrays::row(&model.pair_solimp, pair),
+        model.timestep,
+    )
+    .or_else(|why| refuse(format!("{}: {why}", model.called(Owner::Pair, pair))))?;
+    let point = Point {
         link,
-        position,
-        radius,
-        tangent,
-        corner,
+        surface: Surface::Ball,
+        position: pose.origin,
+        size,
+        tangent: None,
         margin: model.pair_margin[pair],
-        friction: model.pair_friction[5 * pair].max(LEAST_FRICTION),
+        softness,
+        dimensions: model.pair_dim[pair] as usize,
+        friction: friction(model, pair)?,
         inverse_weight: model.body_invweight0[2 * body],
         body,
         touch: None,
     };
-    let size = ModelArrays::vector(&model.geom_size, geom);
-    match model.geom_type[geom] {
-        SPHERE => Ok(vec![point(pose.origin, size[0], None, None)]),
+    Ok(match model.geom_type[geom] {
         CAPSULE => {
             let axis = pose.axes[2];
-            let end =
-                |side: f64| point(add(pose.origin, scale(axis, side * size[1])), size[0], Some(axis), None);
-            Ok(vec![end(1.0), end(-1.0)])
+            let end = |side: f64| {
+                let position = add(pose.origin, scale(axis, side * size[1]));
+                Point { position, size: [size[0], 0.0, 0.0], tangent: Some(axis), ..point }
+            };
+            vec![end(1.0), end(-1.0)]
         }
+        ELLIPSOID => vec![Point { surface: Surface::Ellipsoid { axes: pose.axes }, ..point }],
+        CYLINDER => [RimPlace::Lowest, RimPlace::OtherEnd, RimPlace::Left, RimPlace::Right]
+            .map(|place| Point { surface: Surface::Rim { axes: pose.axes, place }, ..point })
+            .to_vec(),
         BOX => {
             let corner = |index: usize| {
                 let side = |axis: usize| if index >> axis & 1 == 1 { size[axis] } else { -size[axis] };
                 let way = pose.direction(std::array::from_fn(side));
-                point(add(pose.origin, way), 0.0, None, Some(way))
+                let position = add(pose.origin, way);
+                Point { surface: Surface::Corner { way }, position, size: [0.0; 3], ..point }
             };
-            Ok((0..8).map(corner).collect())
+            (0..8).map(corner).collect()
         }
-        kind => {
-            let called = model.called(Owner::Geom, geom);
-            refuse(format!(
-                "{called} can touch the floor but is not a sphere, capsule or box (geom_type = {kind})"
-            ))
-        }
-    }
-}
-
-/// The one softness of all contacts.
-fn contact_softness(model: &ModelArrays) -> Result<Softness, Unsupported> {
-    let parameters = |pair: usize| -> ([f64; 2], [f64; 5]) {
-        (ModelArrays::row(&model.pair_solref, pair), ModelArrays::row(&model.pair_solimp, pair))
-    };
-    let (solref, solimp) = parameters(0);
-    if let Some(other) = (1..model.npair).find(|&pair| parameters(pair) != (solref, solimp)) {
-        let (one, two) = (model.called(Owner::Pair, 0), model.called(Owner::Pair, other));
-        return refuse(format!(
-            "{one} and {two} differ in solref or solimp; it supports one softness for all"
-        ));
-    }
-    softness(solref, solimp, model.timestep)
-        .or_else(|why| refuse(format!("{}: {why}", model.called(Owner::Pair, 0))))
+        // A sphere: every other shape has been refused.
+        _ => vec![point],
+    })
 }
 
 /// Assigns the points to the touch sensors that measure them.
 ///
 /// MuJoCo adds up the normal forces of the contacts of the sensor's body that lie in the zone of its site. The
 /// engine takes all contacts of the body, so the zone must hold every one of them.
+///
+/// `read` are the addresses of the sensors that are read.
 pub(super) fn attach_sensors(
     model: &ModelArrays,
     tree: &Tree,
+    read: &[usize],
+    points: &mut [Point],
+    reasons: &mut Reasons,
+) {
+    for sensor in 0..model.nsensor {
+        let address = model.sensor_adr[sensor] as usize;
+        if read.contains(&address) {
+            reasons.keep(attach(model, tree, sensor, address, points));
+        }
+    }
+}
+
+fn attach(
+    model: &ModelArrays,
+    tree: &Tree,
+    sensor: usize,
+    address: usize,
     points: &mut [Point],
 ) -> Result<(), Unsupported> {
-    for sensor in 0..model.nsensor {
-        let called = || model.called(Owner::Sensor, sensor);
-        if model.sensor_adr[sensor] as usize != sensor {
-            return refuse(format!("{} does not read a single number", called()));
+    let called = || model.called(Owner::Sensor, sensor);
+    let site = model.sensor_objid[sensor] as usize;
+    let Some(&body) = model.site_bodyid.get(site) else {
+        return refuse(format!("{} is not on a site", called()));
+    };
+    let body = body as usize;
+    let own = Pose::new(ModelArrays::vector(&model.site_pos, site), ModelArrays::row(&model.site_quat, site));
+    let zone = Zone::new(model, site, &tree.bodies[body].1.then(&own));
+    for point in points.iter_mut().filter(|point| point.body == body) {
+        if point.touch.is_some() {
+            return refuse(format!("{} is the second touch sensor of its body; it supports one", called()));
         }
-        let site = model.sensor_objid[sensor] as usize;
-        let body = model.site_bodyid[site] as usize;
-        let own =
-            Pose::new(ModelArrays::vector(&model.site_pos, site), ModelArrays::row(&model.site_quat, site));
-        let zone = Zone::new(model, site, &tree.bodies[body].1.then(&own));
-        for point in points.iter_mut().filter(|point| point.body == body) {
-            if point.touch.is_some() {
-                return refuse(format!(
-                    "{} is the second touch sensor of its body; it supports one",
-                    called()
-                ));
-            }
-            if !zone.as_ref().is_some_and(|zone| zone.holds(point)) {
-                return refuse(format!(
-                    "the site of {} does not enclose all contacts of its body; a sphere or a capsule somewhat \
-                     thicker than the geoms would",
-                    called()
-                ));
-            }
-            point.touch = Some(sensor);
+        if !zone.as_ref().is_some_and(|zone| zone.holds(point)) {
+            return refuse(format!(
+                "the site of {} does not enclose all contacts of its body; a sphere or a capsule somewhat \
+                 thicker than the geoms would",
+                called()
+            ));
         }
+        point.touch = Some(address);
     }
     Ok(())
 }
@@ -239,6 +273,16 @@ impl Zone {
         let length = dot(self.way, self.way);
         let along = if length > 0.0 { (dot(from, self.way) / length).clamp(0.0, 1.0) } else { 0.0 };
         let across = sub(from, scale(self.way, along));
-        dot(across, across).sqrt() + point.radius + 0.5 * point.margin <= self.radius + ROUNDING
+        dot(across, across).sqrt() + reach(point) + 0.5 * point.margin <= self.radius + ROUNDING
+    }
+}
+
+/// Largest distance of a contact from the position of its point.
+fn reach(point: &Point) -> f64 {
+    let [first, second, third] = point.size;
+    match point.surface {
+        Surface::Ball | Surface::Corner { .. } => first,
+        Surface::Rim { .. } => first.hypot(second),
+        Surface::Ellipsoid { .. } => first.max(second).max(third),
     }
 }

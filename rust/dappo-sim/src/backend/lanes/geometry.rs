@@ -65,11 +65,19 @@ pub(super) struct Parts {
 
 impl Parts {
     /// Adds a body with its principal axes at `pose`.
-    pub fn add(&mut self, mass: f64, pose: &Pose, principal: Vector) {
+    ///
+    /// `compensated` is the share of its weight that is compensated.
+    pub fn add(&mut self, mass: f64, pose: &Pose, principal: Vector, compensated: f64) {
         let entry = |i: usize, j: usize| {
             (0..3).map(|axis| principal[axis] * pose.axes[axis][i] * pose.axes[axis][j]).sum()
         };
-        self.bodies.push(Inertia { mass, com: pose.origin, tensor: PAIRS.map(|(i, j)| entry(i, j)) });
+        self.bodies.push(Inertia {
+            mass,
+            com: pose.origin,
+            tensor: PAIRS.map(|(i, j)| entry(i, j)),
+            compensated: compensated * mass,
+            compensated_com: pose.origin,
+        });
     }
 
     /// All of them as one body.
@@ -86,7 +94,15 @@ impl Parts {
                 *sum += own + body.mass * (square - d[i] * d[j]);
             }
         }
-        Inertia { mass, com, tensor }
+        let compensated: f64 = self.bodies.iter().map(|body| body.compensated).sum();
+        let mut compensated_com = [0.0; 3];
+        if compensated != 0.0 {
+            for body in &self.bodies {
+                let part = body.compensated / compensated;
+                compensated_com = add(compensated_com, scale(body.compensated_com, part));
+            }
+        }
+        Inertia { mass, com, tensor, compensated, compensated_com }
     }
 }
 
@@ -149,10 +165,13 @@ mod tests {
     fn two_point_masses_make_a_dumbbell() {
         let mut parts = Parts::default();
         for x in [-1.0, 3.0] {
-            parts.add(2.0, &Pose { origin: [x, 5.0, 0.0], ..Pose::IDENTITY }, [0.0; 3]);
+            // Half of the right mass floats.
+            let compensated = if x > 0.0 { 0.5 } else { 0.0 };
+            parts.add(2.0, &Pose { origin: [x, 5.0, 0.0], ..Pose::IDENTITY }, [0.0; 3], compensated);
         }
         let dumbbell = parts.sum();
         assert_eq!((dumbbell.mass, dumbbell.com), (4.0, [1.0, 5.0, 0.0]));
+        assert_eq!((dumbbell.compensated, dumbbell.compensated_com), (1.0, [3.0, 5.0, 0.0]));
         assert!(close(&dumbbell.tensor, &[0.0, 16.0, 16.0, 0.0, 0.0, 0.0]));
     }
 
@@ -161,7 +180,7 @@ mod tests {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let mut parts = Parts::default();
         // A quarter turn about z maps x to y.
-        parts.add(1.0, &Pose::new([0.0; 3], [half, 0.0, 0.0, half]), [1.0, 2.0, 3.0]);
+        parts.add(1.0, &Pose::new([0.0; 3], [half, 0.0, 0.0, half]), [1.0, 2.0, 3.0], 0.0);
         assert!(close(&parts.sum().tensor, &[2.0, 1.0, 3.0, 0.0, 0.0, 0.0]));
     }
 }

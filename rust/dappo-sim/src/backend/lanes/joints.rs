@@ -1,11 +1,11 @@
 //! Hinges with their limits and actuators.
 
 use dappo_lanes::Unsupported;
-use dappo_lanes::model::{Actuator, Link, Softness};
+use dappo_lanes::model::{Actuator, Link};
 
 use super::arrays::ModelArrays;
 use super::features::Owner;
-use super::refuse::refuse;
+use super::refuse::{Reasons, refuse};
 use super::softness::softness;
 use super::tree::{Hinge, Tree};
 
@@ -15,81 +15,87 @@ const ROOT_DOFS: usize = 6;
 const AFFINE: i32 = 1;
 
 /// The links of every limb.
-pub(super) fn links(model: &ModelArrays, tree: &Tree) -> Result<Vec<Vec<Link>>, Unsupported> {
-    for (what, values) in [("armature", &model.dof_armature), ("damping", &model.dof_damping)] {
-        if let Some(value) = values.iter().take(ROOT_DOFS).find(|value| **value != 0.0) {
-            let root = model.called(Owner::Joint, 0);
-            return refuse(format!("{root}, the free one, has {what} {value}, expected 0"));
-        }
-    }
-    let actuators = actuators(model)?;
-    let link = |hinge: &Hinge| link(model, hinge, actuators[hinge.joint]);
-    tree.limbs.iter().map(|limb| limb.iter().map(link).collect()).collect()
+pub(super) fn links(model: &ModelArrays, tree: &Tree, reasons: &mut Reasons) -> Vec<Vec<Link>> {
+    let actuators = actuators(model, reasons);
+    let mut link = |hinge: &Hinge| reasons.keep(link(model, hinge, actuators[hinge.joint]));
+    tree.limbs.iter().map(|limb| limb.iter().filter_map(&mut link).collect()).collect()
 }
 
 fn link(model: &ModelArrays, hinge: &Hinge, actuator: Option<Actuator>) -> Result<Link, Unsupported> {
     let joint = hinge.joint;
+    let called = || model.called(Owner::Joint, joint);
     let dof = model.jnt_dofadr[joint] as usize;
+    let position = model.jnt_qposadr[joint] as usize;
     let range = limited(model.jnt_limited[joint], &model.jnt_range, joint);
     let margin = model.jnt_margin[joint];
     if 2.0 * margin >= range[1] - range[0] {
-        let called = model.called(Owner::Joint, joint);
-        return refuse(format!("{called} is always near both limits ({range:?}, margin {margin})"));
+        return refuse(format!("{} is always near both limits ({range:?}, margin {margin})", called()));
     }
+    let soft = |solref: &[f64], solimp: &[f64], index: usize| {
+        softness(ModelArrays::row(solref, index), ModelArrays::row(solimp, index), model.timestep)
+            .or_else(|why| refuse(format!("{}: {why}", called())))
+    };
     Ok(Link {
         offset: hinge.frame.origin,
         axes: hinge.frame.axes,
-        zero: model.qpos0[model.jnt_qposadr[joint] as usize],
+        zero: model.qpos0[position],
         inertia: hinge.inertia(),
         armature: model.dof_armature[dof],
         damping: model.dof_damping[dof],
+        stiffness: model.jnt_stiffness[joint],
+        spring_reference: model.qpos_spring[position],
+        friction_loss: model.dof_frictionloss[dof],
+        friction_softness: soft(&model.dof_solref, &model.dof_solimp, dof)?,
+        actuator_range: limited(model.jnt_actfrclimited[joint], &model.jnt_actfrcrange, joint),
         range,
         margin,
+        limit: soft(&model.jnt_solref, &model.jnt_solimp, joint)?,
         inverse_weight: model.dof_invweight0[dof],
         dof,
         actuator,
     })
 }
 
-/// The one softness of all limits.
-pub(super) fn limit_softness(model: &ModelArrays) -> Result<Softness, Unsupported> {
-    let parameters = |joint: usize| {
-        let solref: [f64; 2] = ModelArrays::row(&model.jnt_solref, joint);
-        let solimp: [f64; 5] = ModelArrays::row(&model.jnt_solimp, joint);
-        (solref, solimp)
-    };
-    let limited: Vec<usize> = (0..model.njnt).filter(|&joint| model.jnt_limited[joint] != 0).collect();
-    let first = limited.first().copied().unwrap_or(0);
-    if let Some(&other) = limited.iter().find(|&&joint| parameters(joint) != parameters(first)) {
-        let (one, two) = (model.called(Owner::Joint, first), model.called(Owner::Joint, other));
-        return refuse(format!(
-            "the limits of {one} and {two} differ in solref or solimp; it supports one for all"
-        ));
+/// Armature and damping of the free joint, each the same for all of its degrees of freedom.
+pub(super) fn root_parameters(model: &ModelArrays, reasons: &mut Reasons) -> [f64; 2] {
+    let root = || model.called(Owner::Joint, 0);
+    if let Some(loss) = model.dof_frictionloss.iter().take(ROOT_DOFS).find(|loss| **loss != 0.0) {
+        reasons.add(format!("{}, the free one, has friction loss {loss}, expected 0", root()));
     }
-    let (solref, solimp) = parameters(first);
-    softness(solref, solimp, model.timestep)
-        .or_else(|why| refuse(format!("{}: {why}", model.called(Owner::Joint, first))))
+    if let Some(stiffness) = model.jnt_stiffness.first().filter(|stiffness| **stiffness != 0.0) {
+        reasons.add(format!("{}, the free one, has stiffness {stiffness}, expected 0", root()));
+    }
+    [("armature", &model.dof_armature), ("damping", &model.dof_damping)].map(|(what, values)| {
+        let values: Vec<f64> = values.iter().copied().take(ROOT_DOFS).collect();
+        let first = values.first().copied().unwrap_or(0.0);
+        if values.iter().any(|value| *value != first) {
+            reasons.add(format!("{}, the free one, has {what} {values:?}, expected equal entries", root()));
+        }
+        first
+    })
 }
 
 /// The actuator of every joint.
-fn actuators(model: &ModelArrays) -> Result<Vec<Option<Actuator>>, Unsupported> {
+fn actuators(model: &ModelArrays, reasons: &mut Reasons) -> Vec<Option<Actuator>> {
     let mut of_joint: Vec<Option<Actuator>> = vec![None; model.njnt];
     for index in 0..model.nu {
         let called = || model.called(Owner::Actuator, index);
         if model.actuator_ctrlnum.get(index) != Some(&1) || model.actuator_ctrlnum.len() != model.nu {
-            return refuse(format!("{} has other than one control", called()));
+            reasons.add(format!("{} has other than one control", called()));
+            continue;
         }
-        let joint = model.actuator_trnid[2 * index] as usize;
-        if joint == 0 {
-            return refuse(format!("{} moves the free joint", called()));
-        }
-        if let Some(other) = of_joint[joint] {
+        // What does not move a joint is refused as another transmission.
+        let Some(place) = of_joint.get_mut(model.actuator_trnid[2 * index] as usize) else { continue };
+        if model.actuator_trnid[2 * index] == 0 {
+            reasons.add(format!("{} moves the free joint", called()));
+        } else if let Some(other) = place {
             let other = model.called(Owner::Actuator, other.index);
-            return refuse(format!("{other} and {} move the same joint; it supports one a joint", called()));
+            reasons.add(format!("{other} and {} move the same joint; it supports one a joint", called()));
+        } else {
+            *place = reasons.keep(actuator(model, index));
         }
-        of_joint[joint] = Some(actuator(model, index)?);
     }
-    Ok(of_joint)
+    of_joint
 }
 
 fn actuator(model: &ModelArrays, index: usize) -> Result<Actuator, Unsupported> {

@@ -4,6 +4,8 @@ use dappo_lanes::model::Softness;
 
 /// `mjMINIMP` and `mjMAXIMP`, between which MuJoCo clamps impedances.
 const IMPEDANCES: [f64; 2] = [1e-4, 0.9999];
+/// Highest power of the sigmoid.
+const HIGHEST_POWER: f64 = 16.0;
 /// `mjMINVAL`.
 const TINY: f64 = 1e-15;
 
@@ -28,11 +30,12 @@ pub(super) fn softness(solref: [f64; 2], solimp: [f64; 5], timestep: f64) -> Res
         let (impedance, width, midpoint) = ([mean; 2], 1.0, 0.5);
         return Ok(Softness { stiffness, damping, impedance, width, midpoint, power: 1 });
     }
-    let power = match power {
-        1.0 => 1,
-        2.0 => 2,
-        other => return Err(format!("the power of solimp is {other}; it supports 1 and 2")),
-    };
+    if power.fract() != 0.0 || power > HIGHEST_POWER {
+        return Err(format!(
+            "the power of solimp is {power}; it supports whole numbers up to {HIGHEST_POWER}"
+        ));
+    }
+    let power = power as u8;
     Ok(Softness { stiffness, damping, impedance: [least, most], width, midpoint, power })
 }
 
@@ -73,6 +76,7 @@ mod tests {
         assert_eq!((soft.impedance, soft.power), ([1e-4, 0.9999], 1));
         let flat = softness([0.02, 1.0], [0.8, 0.9, 0.0, 0.5, 6.0], 0.001).unwrap();
         assert!(close(flat.impedance[0], 0.85) && flat.impedance[0] == flat.impedance[1]);
-        assert!(softness([0.02, 1.0], [0.8, 0.9, 0.1, 0.5, 6.0], 0.001).unwrap_err().contains("power"));
+        assert!(softness([0.02, 1.0], [0.8, 0.9, 0.1, 0.5, 2.5], 0.001).unwrap_err().contains("power"));
+        assert_eq!(softness([0.02, 1.0], [0.8, 0.9, 0.1, 0.5, 6.0], 0.001).unwrap().power, 6);
     }
 }

@@ -141,22 +141,12 @@ impl Tree {
         let principal =
             Pose::new(ModelArrays::vector(&model.body_ipos, body), ModelArrays::row(&model.body_iquat, body));
         let moments = ModelArrays::vector(&model.body_inertia, body);
-        parts.add(model.body_mass[body], &pose.then(&principal), moments);
+        parts.add(model.body_mass[body], &pose.then(&principal), moments, model.body_gravcomp[body]);
     }
 
     fn check(&self, model: &ModelArrays) -> Result<(), Unsupported> {
         if self.root == 0 {
             return refuse("no body hangs on a free joint");
-        }
-        let joints = self.limbs.first().map_or(0, Vec::len);
-        if let Some(odd) = self.limbs.iter().find(|limb| limb.len() != joints) {
-            let (one, other) = (&self.limbs[0][0], &odd[0]);
-            return refuse(format!(
-                "the limb of {} has {joints} joints and that of {} has {}; it supports limbs of equal length",
-                model.called(Owner::Body, one.body),
-                model.called(Owner::Body, other.body),
-                odd.len()
-            ));
         }
         let follows = |hinge: &Hinge| model.jnt_qposadr[hinge.joint] == model.jnt_dofadr[hinge.joint] + 1;
         if model.jnt_type.first() != Some(&FREE) || !self.limbs.iter().flatten().all(follows) {
