@@ -57,8 +57,8 @@ def check_robot(
     Returns
     -------
     RobotReport
-        The report. Damage types that cannot be applied are in its `refusals`, and the rest is reported without
-        them.
+        The report. Damage types that cannot be applied are in its `refusals`, and the rest is reported
+        without them.
 
     Raises
     ------
@@ -198,8 +198,8 @@ def _geom_name(model: mujoco.MjModel, geom: int) -> str:
 def _text(report: RobotReport) -> str:
     step = report.timestep * report.frame_skip
     lines = [
-        f"{report.robot}: {report.mass:.6g} kg, {len(report.joints)} joints, {len(report.actuators)} actuators,"
-        f" {len(report.damage_classes)} damage classes",
+        f"{report.robot}: {report.mass:.6g} kg, {len(report.joints)} joints, {len(report.actuators)}"
+        f" actuators, {len(report.damage_classes)} damage classes",
         f"physics step {report.timestep:.6g} s, {report.frame_skip} in an env step of {step:.6g} s,"
         f" {report.integrator}, {report.cone} cones",
         "",

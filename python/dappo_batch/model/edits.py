@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from dappo_batch.results import Edit
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-__all__ = ["EditLog", "listed", "shown_number"]
-
-_MOST_NAMES = 12
+__all__ = ["EditLog", "shown_number"]
 
 
 class EditLog:
@@ -43,13 +36,6 @@ class EditLog:
             Edit(table, entry, tuple(parts), before, after)
             for (table, entry, before, after), parts in self._parts.items()
         )
-
-
-def listed(names: Iterable[str]) -> str:
-    """Return names as a list, with the number of those that are left out."""
-    every = list(dict.fromkeys(names))
-    more = [f"and {len(every) - _MOST_NAMES} more"] if len(every) > _MOST_NAMES else []
-    return ", ".join([*every[:_MOST_NAMES], *more])
 
 
 def shown_number(value: object) -> str:

@@ -32,7 +32,7 @@ _REMEDIES: tuple[tuple[str, str], ...] = (
     (rf"{_NAME} has nonlinear damping", "[[override]] joints = 'NAME', damping = VALUE"),
     (
         r"actuator activations|activation dynamics|a gain other than|a bias other than",
-        "[[override]] actuators = PATTERN, control = \"position\" with kp, or \"torque\"",
+        '[[override]] actuators = PATTERN, control = "position" with kp, or "torque"',
     ),
     (r"differ in solref or solimp|power of solimp", "[[override]] geoms = '.*', solref and solimp"),
     (r"can touch the floor but is not", "[simplify] floor_contacts = [other geoms]"),

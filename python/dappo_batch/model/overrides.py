@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
 
-from dappo_batch.model.edits import EditLog, listed, shown_number
+from dappo_batch._checks import listed
+from dappo_batch.model.edits import EditLog, shown_number
 
 __all__ = ["apply_overrides", "can_collide", "geom_label"]
 
@@ -37,47 +38,36 @@ def apply_overrides(spec: mujoco.MjSpec, overrides: Sequence[Item], log: EditLog
     """
     for index, item in enumerate(overrides):
         table = f"[[override]] {index}"
-        if "joints" in item:
-            named = [(joint.name or joint.parent.name, joint) for joint in spec.joints]
-            apply = _override_joint
-        elif "actuators" in item:
-            named = [(actuator.name or actuator.target, actuator) for actuator in spec.actuators]
-            apply = _override_actuator
-        else:
-            named = [(geom.name or geom.parent.name, geom) for geom in spec.geoms]
-            apply = _override_geom
-        for name, part in _selected(table, item, named, log):
-            apply(table, item, name, part, log)
+        key = next(key for key in _KINDS if key in item)
+        kind = _KINDS[key]
+        for name, part in _selected(table, key, item[key], kind.named(spec), log):
+            kind.override(table, item, name, part, log)
 
 
 def _selected(
-    table: str, item: Item, named: list[tuple[str, Any]], log: EditLog
+    table: str, key: str, expression: str, named: list[tuple[str, Any]], log: EditLog
 ) -> list[tuple[str, Any]]:
-    """Return the parts that a table selects, with their names."""
-    key = next(key for key in ("joints", "actuators", "geoms") if key in item)
+    """Return the parts whose names match a regular expression."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            pattern = re.compile(item[key])
+            pattern = re.compile(expression)
     except (re.error, Warning, OverflowError, RecursionError) as error:
-        log.faults.append(f"{table}: {key} = {item[key]!r} is not a regular expression: {error}")
+        log.faults.append(f"{table}: {key} = {expression!r} is not a regular expression: {error}")
         return []
     found = [(name, part) for name, part in named if pattern.fullmatch(name)]
-    if key == "joints" and not all(_is_free(part) for _, part in found):
-        # An expression for all joints is not meant for the one that lets the robot fly.
-        found = [(name, part) for name, part in found if not _is_free(part)]
     if not found:
-        names = listed(name for name, _ in named) or "none"
-        log.faults.append(f"{table}: no {key[:-1]} matches {item[key]!r}; the robot has {names}")
-    elif key == "geoms":
-        touching = [(name, part) for name, part in found if can_collide(part)]
-        if not touching:
-            log.faults.append(
-                f"{table}: no geom that matches {item[key]!r} ({listed(name for name, _ in found)}) can touch"
-                " anything by its contype and conaffinity, so its contacts have no settings"
-            )
-        return touching
-    return found
+        names = listed(name for name, part in named if key != "joints" or not _is_free(part)) or "none"
+        log.faults.append(f"{table}: no {key[:-1]} matches {expression!r}; the robot has {names}")
+    if key == "joints" and not all(_is_free(part) for _, part in found):
+        # An expression for all joints is not meant for the one with which the robot moves freely.
+        return [(name, part) for name, part in found if not _is_free(part)]
+    if key == "geoms" and found and not any(can_collide(part) for _, part in found):
+        log.faults.append(
+            f"{table}: no geom that matches {expression!r} ({listed(name for name, _ in found)}) can touch"
+            " anything by its contype and conaffinity, so its contacts have no settings"
+        )
+    return found if key != "geoms" else [(name, part) for name, part in found if can_collide(part)]
 
 
 def _is_free(joint: mujoco.MjsJoint) -> bool:
@@ -136,7 +126,7 @@ def _is_servo(actuator: mujoco.MjsActuator) -> bool:
 
 
 def _control(actuator: mujoco.MjsActuator) -> str:
-    """Return what the control of an actuator is, apart from a filter: ``position``, ``torque`` or ``other``."""
+    """Return what the control of an actuator is, except for a filter: `position`, `torque` or `other`."""
     if actuator.dyntype not in (_DYN.mjDYN_NONE, _DYN.mjDYN_FILTER, _DYN.mjDYN_FILTEREXACT):
         return "other"
     if _is_servo(actuator):
@@ -145,9 +135,7 @@ def _control(actuator: mujoco.MjsActuator) -> str:
     return "torque" if fixed and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE else "other"
 
 
-def _override_actuator(
-    table: str, item: Item, name: str, actuator: mujoco.MjsActuator, log: EditLog
-) -> None:
+def _override_actuator(table: str, item: Item, name: str, actuator: mujoco.MjsActuator, log: EditLog) -> None:
     if fault := _unclear(item, name, actuator):
         log.faults.append(f"{table}: {fault}")
         return
@@ -234,3 +222,29 @@ def _override_geom(table: str, item: Item, name: str, geom: mujoco.MjsGeom, log:
             log.record(table, key, name, before, after)
             setattr(geom, key, after.tolist())
 
+
+def _named_joints(spec: mujoco.MjSpec) -> list[tuple[str, Any]]:
+    return [(joint.name or joint.parent.name, joint) for joint in spec.joints]
+
+
+def _named_actuators(spec: mujoco.MjSpec) -> list[tuple[str, Any]]:
+    return [(actuator.name or actuator.target, actuator) for actuator in spec.actuators]
+
+
+def _named_geoms(spec: mujoco.MjSpec) -> list[tuple[str, Any]]:
+    return [(geom.name or geom.parent.name, geom) for geom in spec.geoms]
+
+
+class _Kind(NamedTuple):
+    """How parts of a kind are found and changed."""
+
+    named: Callable[[mujoco.MjSpec], list[tuple[str, Any]]]
+    """Returns all of them, with the names by which they are selected."""
+    override: Callable[[str, Item, str, Any, EditLog], None]
+
+
+_KINDS = {
+    "joints": _Kind(_named_joints, _override_joint),
+    "actuators": _Kind(_named_actuators, _override_actuator),
+    "geoms": _Kind(_named_geoms, _override_geom),
+}

@@ -1,4 +1,4 @@
-"""``[simplify]``: the robot with fewer contacts and simpler physics than in its MJCF, which remains unchanged."""
+"""``[simplify]``: fewer contacts and simpler physics than in the MJCF, which remains unchanged."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import mujoco
 
-from dappo_batch.model.edits import EditLog, listed
+from dappo_batch._checks import listed
+from dappo_batch.model.edits import EditLog
 from dappo_batch.model.floor_pairs import is_static, masks_match, touches_itself
 from dappo_batch.model.overrides import apply_overrides, can_collide, geom_label
 from dappo_batch.results import Edit
@@ -52,10 +53,10 @@ def simplify(spec: mujoco.MjSpec, robot: Robot) -> tuple[Edit, ...]:
     log = EditLog()
     section: Mapping[str, Any] = robot.spec.get("simplify", {})
     _set_options(spec, section, log)
-    if "condim" in section:
-        _set_condim(spec, int(section["condim"]), log)
     if "floor_contacts" in section or section.get("self_collision") is False:
         _limit_contacts(spec, robot, section.get("floor_contacts"), log)
+    if "condim" in section:
+        _set_condim(spec, int(section["condim"]), log)
     apply_overrides(spec, robot.spec.get("override", []), log)
     raise_faults(f"robot {robot.name}", log.faults)
     return log.edits
@@ -102,7 +103,8 @@ def _limit_contacts(
     if floor_contacts is not None:
         outer = {name for _, both in ends if not both <= names for name in both}
         kept = _Listed(spec, touching, outer, log).geoms(floor_contacts)
-    lost = [geom for geom in touching if geom not in kept]
+    remaining = set(kept)
+    lost = [geom for geom in touching if geom not in remaining]
     collides = touches_itself(touching) or any(both <= names for _, both in ends)
     if log.faults or not (lost or collides):
         return
@@ -139,7 +141,7 @@ class _Listed:
 
     def geoms(self, names: Iterable[str]) -> list[mujoco.MjsGeom]:
         """Return the geoms of some names, in the order of the MJCF."""
-        found = [geom for name in names for geom in self._find(name)]
+        found = {geom for name in names for geom in self._find(name)}
         return [geom for geom in self.touching if geom in found]
 
     def _find(self, name: str) -> list[mujoco.MjsGeom]:
@@ -185,8 +187,8 @@ def _separate(spec: mujoco.MjSpec, of_robot: Sequence[mujoco.MjsGeom], log: Edit
         kinds.setdefault((is_robot, geom.contype, geom.conaffinity), len(kinds))
     if len(kinds) > _MOST_MASKS:
         log.faults.append(
-            f"{_TABLE}: the moving geoms have {len(kinds)} different pairs of contype and conaffinity; the limit"
-            f" is {_MOST_MASKS} to remove self-collision"
+            f"{_TABLE}: the moving geoms have {len(kinds)} different pairs of contype and conaffinity; the"
+            f" limit is {_MOST_MASKS} to remove self-collision"
         )
         return
 
@@ -202,8 +204,7 @@ def _separate(spec: mujoco.MjSpec, of_robot: Sequence[mujoco.MjsGeom], log: Edit
     for geom, is_robot in moving:
         bit = kinds[is_robot, geom.contype, geom.conaffinity]
         masks.append((geom, bits(geom.contype, geom.conaffinity, is_robot=is_robot), 1 << bit))
-    for geom in spec.geoms:
-        if is_static(geom.parent):
-            masks.append((geom, bits(geom.contype, geom.conaffinity, is_robot=False), 0))
+    static = (geom for geom in spec.geoms if is_static(geom.parent))
+    masks += [(geom, bits(geom.contype, geom.conaffinity, is_robot=False), 0) for geom in static]
     for geom, contype, conaffinity in masks:
         geom.contype, geom.conaffinity = contype, conaffinity

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dappo_batch._checks import listed
 from dappo_batch.results.base import Result
 
 __all__ = ["ActuatorInfo", "Edit", "JointInfo", "Reason", "RobotReport"]
@@ -33,7 +34,7 @@ class Edit(Result):
 
     def __str__(self) -> str:
         """Return the change as a line of text."""
-        of = f" of {', '.join(self.parts)}" if self.parts else ""
+        of = f" of {listed(self.parts)}" if self.parts else ""
         return f"{self.table} {self.entry}{of}: {self.before} → {self.after}"
 
 
