@@ -96,6 +96,8 @@ def test_a_reason_against_lanes_has_a_remedy_that_removes_it(name: str, tmp_path
     table, entry = remedy.split(" ", 1)
     report = dappo_batch.check_robot(write(tmp_path, BALL + mjcf, f"{table}\n{entry}"), max_damaged_limbs=0)
     assert (report.backend, report.reasons) == ("lanes", ())
+    assert [edit.after for edit in report.edits] == [entry.partition(" = ")[2].strip('"')]
+    assert report.edits[0].before in ("true", "implicit")
 
 
 def test_the_reasons_are_those_with_which_the_backend_refuses_the_robot(tmp_path: Path) -> None:

@@ -140,17 +140,16 @@ def _joint(model: mujoco.MjModel, joint: int) -> JointInfo:
 
 
 def _actuator(model: mujoco.MjModel, index: int) -> ActuatorInfo:
-    gain, bias = (float(number) for number in (model.actuator_gainprm[index, 0], 0.0))
-    _, kp, kd = (float(-number) + 0.0 for number in model.actuator_biasprm[index, :3])
+    gain = float(model.actuator_gainprm[index, 0])
+    # The bias is a force; adding 0 removes the sign of a zero.
+    kp, kd = (float(-number) + 0.0 for number in model.actuator_biasprm[index, 1:3])
+    bias = model.actuator_biastype[index]
     control = "other"
     if model.actuator_gaintype[index] == _GAIN.mjGAIN_FIXED:
-        is_affine = model.actuator_biastype[index] == _BIAS.mjBIAS_AFFINE
-        if model.actuator_biastype[index] == _BIAS.mjBIAS_NONE:
+        if bias == _BIAS.mjBIAS_NONE:
             control = "torque"
-        elif is_affine and gain == kp != bias:
-            control = "position"
-        elif is_affine and kp == 0.0 and gain == kd:
-            control = "velocity"
+        elif bias == _BIAS.mjBIAS_AFFINE and gain == (kp or kd):
+            control = "position" if kp else "velocity"
     is_servo = control in ("position", "velocity")
     moved = _MOVED.get(_TRANSMISSION(int(model.actuator_trntype[index])))
     target = mujoco.mj_id2name(model, moved, int(model.actuator_trnid[index, 0])) if moved is not None else ""

@@ -64,11 +64,13 @@ def simplify(spec: mujoco.MjSpec, robot: Robot) -> tuple[Edit, ...]:
 
 def _set_options(spec: mujoco.MjSpec, section: Mapping[str, Any], log: EditLog) -> None:
     option = spec.option
-    for key, values in (("integrator", INTEGRATORS), ("cone", _CONES)):
+    for key, values, kind in (
+        ("integrator", INTEGRATORS, mujoco.mjtIntegrator),
+        ("cone", _CONES, mujoco.mjtCone),
+    ):
         if key in section:
-            names = {int(value): name for name, value in values.items()}
-            before = int(getattr(option, key))
-            log.record(_TABLE, key, "", names.get(before, str(before)), section[key])
+            before = kind(getattr(option, key)).name.partition("_")[2].lower()
+            log.record(_TABLE, key, "", before, section[key])
             setattr(option, key, values[section[key]])
     for key in ("timestep", "impratio"):
         if key in section:
