@@ -42,6 +42,17 @@ pub struct ClassTable<'py> {
     pub layout: Layout,
 }
 
+/// Why the lane engine cannot simulate the robot of a class table, or else in what it differs from the options of
+/// the MJCF: two lists of sentences.
+#[pyfunction]
+pub fn lane_support(table: &Bound<'_, PyAny>) -> PyResult<(Vec<String>, Vec<String>)> {
+    match ClassTable::read(table)?.compile_lanes()? {
+        Ok(table) => Ok((Vec::new(), table.notes().to_vec())),
+        Err(SimError::Unsupported(reasons)) => Ok((reasons, Vec::new())),
+        Err(error) => Err(error).or_raise(),
+    }
+}
+
 impl<'py> ClassTable<'py> {
     /// Reads a `dappo_batch.model.ClassTable`.
     pub fn read(object: &Bound<'py, PyAny>) -> PyResult<Self> {
@@ -198,16 +209,5 @@ impl<'py> ClassTable<'py> {
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
         // which the owner keeps alive.
         Ok(unsafe { WorkerFields::new(address, fields, divergences, Box::new(data.clone().unbind())) })
-    }
-}
-
-/// Returns why the lane engine cannot simulate a class table, and in what it differs from the options of the MJCF
-/// where it can: two lists of sentences.
-#[pyfunction]
-pub fn lane_support(table: &Bound<'_, PyAny>) -> PyResult<(Vec<String>, Vec<String>)> {
-    match ClassTable::read(table)?.compile_lanes()? {
-        Ok(table) => Ok((Vec::new(), table.notes().to_vec())),
-        Err(SimError::Unsupported(reasons)) => Ok((reasons, Vec::new())),
-        Err(error) => Err(error).or_raise(),
     }
 }

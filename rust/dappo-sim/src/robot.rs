@@ -3,6 +3,7 @@
 mod entries;
 mod faults;
 mod nesting;
+mod simplify;
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -38,6 +39,12 @@ pub struct Robot {
     pub observation: Observation,
     /// Reward functions by name, and the default one.
     pub reward: RewardSection,
+    /// Simplifications of the MJCF, which Python applies before it compiles.
+    #[serde(default)]
+    pub simplify: Option<toml::Table>,
+    /// Changes of joints, actuators and geoms, which Python applies after them.
+    #[serde(default, rename = "override")]
+    pub overrides: Vec<toml::Table>,
     /// Hints for rendering, read by Python alone.
     #[serde(default)]
     pub pictures: Option<toml::Table>,
@@ -168,7 +175,7 @@ impl Robot {
 mod tests {
     use super::*;
 
-    const GOOD: &str = r#"
+    pub(super) const GOOD: &str = r#"
 name = "toy"
 mjcf = "toy.xml"
 main_body = "root"
