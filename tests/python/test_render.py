@@ -168,7 +168,7 @@ def test_a_signal_ends_the_drawing_at_once_and_leaves_no_half_of_a_file(
     assert not list(tmp_path.iterdir())
 
 
-def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Path) -> None:
+def test_unusable_input_is_rejected_before_the_episode(parts: Path, tmp_path: Path) -> None:
     render_it = ("render", parts / "ant", "--out", tmp_path / "walk.mp4")
     expected = {
         adapt(parts, "--video", tmp_path / "walk.avi"): (1, "expected one of .mp4, .gif, .png"),
@@ -189,7 +189,7 @@ def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_window_without_a_screen_is_refused_before_the_episode(
+def test_a_window_without_a_screen_is_rejected_before_the_episode(
     parts: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -183,12 +183,14 @@ def test_progress_is_reported_after_every_frame(
 
 
 @pytest.mark.parametrize("strip", [0, 65])
-def test_a_strip_of_no_or_too_many_frames_is_refused(strip: int, walk: Walk, tmp_path: Path) -> None:
+def test_a_strip_of_no_or_too_many_frames_is_rejected(strip: int, walk: Walk, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="strip must be"):
         render.write(tmp_path / "film.png", walk, strip=strip)
 
 
-def test_a_file_of_another_kind_or_in_no_folder_or_of_odd_size_is_refused(walk: Walk, tmp_path: Path) -> None:
+def test_a_file_of_another_kind_or_in_no_folder_or_of_odd_size_is_rejected(
+    walk: Walk, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=r"'\.avi', expected one of \.mp4, \.gif, \.png"):
         render.check(tmp_path / "film.avi")
     with pytest.raises(ConfigError, match="there is no folder"):
@@ -238,7 +240,7 @@ def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
         list(render.frames(walk, [0, 1]))
 
 
-def test_a_window_without_a_screen_is_refused_with_what_works_instead(
+def test_a_window_without_a_screen_is_rejected_with_what_works_instead(
     walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
@@ -280,3 +282,32 @@ def test_the_opengl_is_the_users_or_else_the_first_that_works_with_or_without_a_
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert opengl.choices() == expected
+
+
+def test_several_processes_draw_the_same_frames_as_one(walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The robot moves 3 m, and the lights with it, as far as the camera has moved since the first frame.
+    qpos = np.tile(walk.states[0], (5, 1))
+    qpos[:, 0] = np.linspace(0.0, 3.0, 5)
+    moving = Walk(walk.table, qpos, "missing_toe@0", 2)
+    started: list[int] = []
+    start = opengl.start
+    monkeypatch.setattr(opengl, "start", lambda *given: started.append(1) or start(*given))
+    drawn = {}
+    for cores in (1, 2):
+        monkeypatch.setattr(opengl, "_PICTURES_EACH", 1)
+        monkeypatch.setattr(opengl, "_cores", lambda cores=cores: cores)
+        drawn[cores] = np.array(list(render.frames(moving, [0, 1, 2, 3, 4], size=(96, 64))))
+    assert len(started) == 1 + 2
+    np.testing.assert_array_equal(drawn[2], drawn[1])
+
+
+def test_the_process_that_fails_among_several_is_the_one_whose_reason_is_given(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"
+    monkeypatch.setattr(opengl, "choices", lambda: ["egl"])
+    monkeypatch.setattr(opengl, "PAINTER", ("-c", f"import sys; {picture}; sys.exit('crash')"))
+    monkeypatch.setattr(opengl, "_PICTURES_EACH", 1)
+    monkeypatch.setattr(opengl, "_cores", lambda: 2)
+    with pytest.raises(RenderError, match="egl failed after 2 pictures: crash"):
+        list(render.frames(walk, [0, 1, 2]))

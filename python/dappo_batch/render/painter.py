@@ -33,7 +33,7 @@ def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:
     for damage_class, qpos, lookat in zip(scene.damage_classes, scene.qpos, scene.view.lookat, strict=True):
         canvas = canvases[damage_class]
         canvas.pose(qpos)
-        yield canvas.draw(lookat, scene.view.lookat[0])
+        yield canvas.draw(lookat, scene.start)
 
 
 def paint_live(live: Live, poses: Iterator[Pose]) -> Iterator[NDArray[np.uint8]]:

@@ -45,6 +45,8 @@ class Scene:
         Positions of every frame, [F, nq].
     view : View
         The camera, with one place for every frame.
+    start : numpy.ndarray
+        Where the camera looks in the first frame of the film, [3].
     width, height : int
         Size of a frame.
     """
@@ -53,8 +55,15 @@ class Scene:
     damage_classes: list[int]
     qpos: NDArray[np.float64]
     view: View
+    start: NDArray[np.float64]
     width: int
     height: int
+
+    def every(self, step: int, first: int) -> Scene:
+        """Return the scene of every `step`-th frame from the frame `first` on."""
+        chosen = slice(first, None, step)
+        camera = replace(self.view, lookat=self.view.lookat[chosen])
+        return replace(self, damage_classes=self.damage_classes[chosen], qpos=self.qpos[chosen], view=camera)
 
 
 def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: str = AUTO) -> Scene:
@@ -73,7 +82,7 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: st
     for model in models.values():
         fit(model, seen)
     chosen = replace(seen, lookat=seen.lookat[list(states)])
-    return Scene(models, classes, walk.states[list(states)], chosen, width, height)
+    return Scene(models, classes, walk.states[list(states)], chosen, chosen.lookat[0], width, height)
 
 
 def fit(model: mujoco.MjModel, seen: View) -> None:

@@ -70,8 +70,8 @@ impl<'py> ClassTable<'py> {
     pub fn lane_table(&self, kind: BackendKind) -> PyResult<Result<LaneTable, String>> {
         // Python's errors are not the lane engine's, so everything is read before it compiles.
         let arrays = if kind == BackendKind::Mujoco { Vec::new() } else { self.arrays()? };
-        let muted_touch = self.muted_touch()?;
-        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, muted_touch)).or_raise()
+        let disabled_touch = self.disabled_touch()?;
+        kind.lane_table(|| LaneTable::compile(&arrays, self.layout.main_body, disabled_touch)).or_raise()
     }
 
     /// A backend over this table; `lanes` is what [`lane_table`](Self::lane_table) made of it.
@@ -141,10 +141,10 @@ impl<'py> ClassTable<'py> {
     }
 
     /// The limbs whose touch signal each class mutes.
-    fn muted_touch(&self) -> PyResult<Vec<Vec<bool>>> {
-        let muted: Vec<Vec<usize>> = self.object.getattr("muted_touch")?.extract()?;
+    fn disabled_touch(&self) -> PyResult<Vec<Vec<bool>>> {
+        let disabled: Vec<Vec<usize>> = self.object.getattr("disabled_touch")?.extract()?;
         let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();
-        Ok(muted.iter().map(mask).collect())
+        Ok(disabled.iter().map(mask).collect())
     }
 
     fn model_table(&self) -> PyResult<ModelTable> {
@@ -157,7 +157,7 @@ impl<'py> ClassTable<'py> {
         // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
         // checked that all models have equal sizes.
         let table = unsafe {
-            ModelTable::new(&addresses, self.muted_touch()?, spec, Box::new(self.object.clone().unbind()))
+            ModelTable::new(&addresses, self.disabled_touch()?, spec, Box::new(self.object.clone().unbind()))
         };
         table.or_raise()
     }
