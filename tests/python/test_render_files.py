@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import itertools
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import av
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -16,10 +21,10 @@ from PIL import Image
 
 import dappo_batch
 from dappo_batch import ConfigError, DappoError, MissingExtraError, render
-from dappo_batch.render import RenderError, Walk, encoders, film, opengl
+from dappo_batch.render import RenderError, Walk, encoders, film, opengl, window
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
-from dappo_batch.render.scene import RED, copy_class, painted
+from dappo_batch.render.scene import RED, copy_class, painted, scene
 from dappo_batch.render.scenery import with_scenery
 
 Picture = NDArray[np.uint8]
@@ -311,3 +316,56 @@ def test_the_process_that_fails_among_several_is_the_one_whose_reason_is_given(
     monkeypatch.setattr(opengl, "_cores", lambda: 2)
     with pytest.raises(RenderError, match="egl failed after 2 pictures: crash"):
         list(render.frames(walk, [0, 1, 2]))
+
+
+class Window:
+    """Stand in for MuJoCo's window: it keeps where the first light is, and closes after the fifth state."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, **_: bool) -> None:
+        self.model, self.data, self.cam = model, data, mujoco.MjvCamera()
+        self.lights: list[NDArray[np.float64]] = []
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """It has nothing to close."""
+
+    def is_running(self) -> bool:
+        return len(self.lights) < 5
+
+    def lock(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
+
+    def set_texts(self, texts: object) -> None:
+        assert texts
+
+    def sync(self) -> None:
+        self.lights.append(self.data.light_xpos[0].copy())
+
+
+def test_a_window_has_the_shadows_of_a_film_and_its_lights_follow_the_robot(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    qpos = np.tile(walk.states[0], (5, 1))
+    qpos[:, 0] = np.linspace(0.0, 3.0, 5)
+    moving = Walk(walk.table, qpos, "missing_toe@0", 2)
+    opened: list[Window] = []
+
+    def launch(*given: Any, **more: Any) -> Window:  # noqa: ANN401
+        opened.append(Window(*given, **more))
+        return opened[0]
+
+    viewer = ModuleType("mujoco.viewer")
+    monkeypatch.setattr(viewer, "launch_passive", launch, raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco.viewer", viewer)
+    monkeypatch.setattr(mujoco, "viewer", viewer, raising=False)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(window, "_PAUSE_SECONDS", 0.0)
+    render.view(moving)
+    drawn = scene(moving, [0, 4], 640, 480)
+    (shown,) = opened
+    assert shown.model.vis.map.shadowclip == drawn.models[0].vis.map.shadowclip
+    travelled = drawn.view.lookat[1] - drawn.view.lookat[0]
+    assert travelled[0] > 1.0
+    np.testing.assert_allclose(shown.lights[4] - shown.lights[0], travelled, atol=1e-9)
