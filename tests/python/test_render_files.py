@@ -329,7 +329,7 @@ class Window:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """It has nothing to close."""
+        pass
 
     def is_running(self) -> bool:
         return len(self.lights) < 5
