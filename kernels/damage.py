@@ -60,7 +60,7 @@ class ClassRows:
 
 
 def class_rows(
-    model: mjw.Model, models: Sequence[mujoco.MjModel], muted_sites: Sequence[frozenset[int]]
+    model: mjw.Model, models: Sequence[mujoco.MjModel], disabled_sites: Sequence[frozenset[int]]
 ) -> ClassRows:
     """Collect the fields in which the compiled models differ.
 
@@ -70,7 +70,7 @@ def class_rows(
         The healthy model on the device; it defines names, shapes and types of the fields.
     models : sequence of mujoco.MjModel
         The compiled models of all damage classes, [D].
-    muted_sites : sequence of frozenset of int
+    disabled_sites : sequence of frozenset of int
         Per class, the sites whose touch signal is not read.
 
     Returns
@@ -92,7 +92,7 @@ def class_rows(
         if values is None or all(np.array_equal(value, values[0]) for value in values):
             continue
         if not _is_batched(field.type):
-            _check_shared(field.name, values, muted_sites)
+            _check_shared(field.name, values, disabled_sites)
             continue
         array = getattr(model, field.name)
         scalar = array.numpy().dtype
@@ -125,13 +125,13 @@ def _check_options(models: Sequence[mujoco.MjModel]) -> None:
             raise ValueError(f"damage classes differ in opt.{name}, but all worlds share it")
 
 
-def _check_shared(name: str, values: list[NDArray[Any]], muted_sites: Sequence[frozenset[int]]) -> None:
+def _check_shared(name: str, values: list[NDArray[Any]], disabled_sites: Sequence[frozenset[int]]) -> None:
     if name in _UNREAD:
         return
     for number, value in enumerate(values):
         entries = np.argwhere(value != values[0])[:, 0]
         # The zone of a touch sensor may differ if its signal is not read.
-        if name == "site_size" and muted_sites[number].issuperset(entries.tolist()):
+        if name == "site_size" and disabled_sites[number].issuperset(entries.tolist()):
             continue
         if entries.size:
             raise ValueError(f"damage class {number} changes {name}, but all worlds share it")

@@ -31,7 +31,7 @@ def observe(
     index_in: wp.array[wp.int32],
     clip_in: wp.array[wp.float32],
     touch_address_in: wp.array[wp.int32],
-    muted_touch_in: wp.array2d[wp.bool],
+    disabled_touch_in: wp.array2d[wp.bool],
     code_in: wp.array2d[wp.float32],
     # In:
     mask_in: wp.array[wp.bool],
@@ -57,7 +57,7 @@ def observe(
         value = wp.clamp(cfrc_ext_in[worldid, index // 6][index % 6], -clip_in[entry], clip_in[entry])
     elif source == TOUCH:
         pressed = sensordata_in[worldid, touch_address_in[index]] > 0.0
-        if pressed and not muted_touch_in[class_in[worldid], index]:
+        if pressed and not disabled_touch_in[class_in[worldid], index]:
             value = wp.float32(1.0)
     elif source == CODE:
         value = code_in[class_in[worldid], index]
@@ -101,7 +101,7 @@ class Observer:
             wp.array(indices, dtype=wp.int32),
             wp.array(clips, dtype=wp.float32),
             wp.array(np.array(task.touch_addresses, dtype=np.int32), dtype=wp.int32),
-            wp.array(task.muted_touch, dtype=wp.bool),
+            wp.array(task.disabled_touch, dtype=wp.bool),
             wp.array(task.codes, dtype=wp.float32),
         ]
 

@@ -26,7 +26,7 @@ class Task:
         One compiled model per damage class, [D].
     codes : array of shape [D, K]
         Damage code of each class.
-    muted_touch : array of shape [D, L]
+    disabled_touch : array of shape [D, L]
         Whether a class disables the touch sensor of a limb; no columns without touch sensors.
     limb_bodies : tuple of tuple of int
         Per limb, its bodies.
@@ -51,7 +51,7 @@ class Task:
 
     models: tuple[mujoco.MjModel, ...]
     codes: NDArray[np.float32]
-    muted_touch: NDArray[np.bool_]
+    disabled_touch: NDArray[np.bool_]
     limb_bodies: tuple[tuple[int, ...], ...]
     touch_addresses: tuple[int, ...]
     main_body: int
@@ -76,15 +76,15 @@ class Task:
             Name of a reward in the robot TOML; by default that of its entry ``reward.default``.
         """
         spec = table.robot.spec
-        muted = np.zeros((len(table.models), len(table.touch_addresses)), dtype=np.bool_)
+        disabled = np.zeros((len(table.models), len(table.touch_addresses)), dtype=np.bool_)
         if table.touch_addresses:
-            for row, limbs in zip(muted, table.muted_touch, strict=True):
+            for row, limbs in zip(disabled, table.disabled_touch, strict=True):
                 row[list(limbs)] = True
         low, high = spec["termination"]["height"]
         return cls(
             models=table.models,
             codes=np.array([item.code for item in table.space.classes], dtype=np.float32),
-            muted_touch=muted,
+            disabled_touch=disabled,
             limb_bodies=table.limb_bodies,
             touch_addresses=table.touch_addresses,
             main_body=table.main_body,
@@ -103,7 +103,7 @@ class Task:
         """Duration of an env step, s."""
         return float(self.models[0].opt.timestep) * self.frame_skip
 
-    def muted_sites(self) -> list[frozenset[int]]:
+    def disabled_sites(self) -> list[frozenset[int]]:
         """Return per class the sites of the disabled touch sensors."""
         model = self.models[0]
         site_at = {
@@ -111,4 +111,4 @@ class Task:
             for address, site in zip(model.sensor_adr, model.sensor_objid, strict=True)
         }
         sites = [site_at[address] for address in self.touch_addresses]
-        return [frozenset(np.array(sites, dtype=int)[muted].tolist()) for muted in self.muted_touch]
+        return [frozenset(np.array(sites, dtype=int)[disabled].tolist()) for disabled in self.disabled_touch]

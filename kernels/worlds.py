@@ -111,7 +111,7 @@ class Worlds:
         self.data = mjw.make_data(
             healthy, nworld=self.num_worlds, nconmax=nconmax or room[0], njmax=njmax or room[1]
         )
-        rows = class_rows(self.model, task.models, task.muted_sites())
+        rows = class_rows(self.model, task.models, task.disabled_sites())
         self.episodes = Episodes.unstarted(keys)
         self.draws = EpisodeDraws(self.num_worlds, len(task.models))
         self.outcome = Outcome.zeros(self.num_worlds)

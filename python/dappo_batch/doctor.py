@@ -69,7 +69,7 @@ _EXTRAS = (
     _Extra("wandb", "logging to Weights & Biases", "pip install wandb"),
     _Extra("stable-baselines3", "training with Stable-Baselines3", "pip install stable-baselines3"),
     _Extra("torch", "using the environments from PyTorch", "pip install torch"),
-    _Extra("envpool", "a competitor in `dappo-batch bench`", "pip install envpool"),
+    _Extra("envpool", "another simulator in `dappo-batch bench`", "pip install envpool"),
 )
 
 
@@ -290,8 +290,10 @@ def _text(findings: dict[str, Any]) -> str:
         if findings[group]:
             lines += ["", group]
         for name, check in findings[group].items():
-            cure = f"; try: {check['cure']}" if check["cure"] else ""
-            lines.append(f"  {_MARKS[check['status']]}  {name:18} {check['detail']}{cure}")
+            detail, cure = check["detail"], check["cure"]
+            # A reason may end with the command already.
+            advice = f"; try: {cure}" if cure and cure not in detail else ""
+            lines.append(f"  {_MARKS[check['status']]}  {name:18} {detail}{advice}")
     verdict = "the core works" if findings["ok"] else "the core does not work: see FAILED above"
     return "\n".join([*lines, "", verdict])
 

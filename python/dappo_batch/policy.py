@@ -90,7 +90,12 @@ class Policy(NotPicklable):
     @property
     def observes_damage(self) -> bool:
         """Whether the policy observes the damage code; one that was trained with ``--unaware`` does not."""
-        return self._core.observes_damage
+        return self.code_length > 0
+
+    @property
+    def code_length(self) -> int:
+        """Length of the damage code, K; 0 for a policy that does not observe it."""
+        return self._core.code_length
 
     @property
     def class_names(self) -> list[str]:
@@ -113,14 +118,16 @@ class Policy(NotPicklable):
         Parameters
         ----------
         obs
-            Observations without damage code, [N, O], or [O] for a single robot.
+            Observations without damage code, [N, O], or with it, [N, O + K], as envs with ``observe_damage``
+            return them; [O] or [O + K] for a single robot.
         damage_class
-            Class name or id, or one for each robot, [N], whose code the policy receives; by default healthy.
+            Class name or id, or one for each robot, [N], whose code the policy receives. By default it is the
+            code in `obs`, or that of a healthy robot for observations without code.
 
         Returns
         -------
         actions
-            Mean actions, [N, A], or [A] for an observation [O]. Clip them to [-1, 1], as the simulation does.
+            Mean actions, [N, A], or [A] for a single robot. Clip them to [-1, 1], as the simulation does.
 
         Raises
         ------
@@ -128,7 +135,7 @@ class Policy(NotPicklable):
             If a damage class does not exist, is given to a policy that does not observe damage, or an
             observation is not finite.
         ShapeError
-            If a shape does not fit.
+            If a shape does not fit, or `damage_class` is given for observations with damage code.
         """
         rows = array(obs, "obs", np.float32)
         if rows.ndim not in (1, 2):
@@ -138,7 +145,8 @@ class Policy(NotPicklable):
         rows = np.atleast_2d(rows)
         if damage_class is not None and not self.observes_damage:
             raise ConfigError("the policy does not observe damage; leave damage_class out")
-        actions = self._core.act(rows, self._classes(damage_class, len(rows)))
+        is_complete = damage_class is None and rows.shape[1] == self.obs_dim + self.code_length
+        actions = self._core.act(rows, None if is_complete else self._classes(damage_class, len(rows)))
         return actions[0] if single else actions
 
     def _classes(

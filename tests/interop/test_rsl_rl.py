@@ -104,6 +104,6 @@ def test_an_env_that_hides_the_damage_has_no_group_for_its_code(ant_table: Class
     assert {name: rows.shape for name, rows in envs.get_observations().items()} == {"robot": (NUM_ENVS, 111)}
 
 
-def test_other_autoreset_modes_are_refused(ant_table: ClassTable) -> None:
+def test_other_autoreset_modes_are_rejected(ant_table: ClassTable) -> None:
     with pytest.raises(ConfigError, match="autoreset='disabled', got 'same_step'"):
         RslRlVecEnv(dappo_batch.make_vec(ant_table, 2, autoreset="same_step"))

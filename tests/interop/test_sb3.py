@@ -139,7 +139,7 @@ def test_attributes_and_states_are_given_for_the_envs_asked_for(ant_table: Class
         envs.set_attr("severity", 0.5)
 
 
-def test_other_autoreset_modes_and_views_are_refused(ant_table: ClassTable) -> None:
+def test_other_autoreset_modes_and_views_are_rejected(ant_table: ClassTable) -> None:
     with pytest.raises(ConfigError, match="autoreset='same_step', got 'next_step'"):
         Sb3VecEnv(dappo_batch.make_vec(ant_table, 2))
     with pytest.raises(ConfigError, match="copy=True"):

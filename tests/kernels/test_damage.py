@@ -18,15 +18,15 @@ from dappo_batch.kernels.damage import DamageFields, class_rows, gather_rows
 SHARED = {"dof_length", "site_size"}  # see `test_a_touch_zone_may_differ_only_where_the_sensor_is_disabled`
 
 
-def muted_sites(table: ClassTable) -> list[frozenset[int]]:
+def disabled_sites(table: ClassTable) -> list[frozenset[int]]:
     """Return per class the touch sites that are not read; sites are in the order of limbs in both robots."""
-    return [frozenset(limbs) for limbs in table.muted_touch]
+    return [frozenset(limbs) for limbs in table.disabled_touch]
 
 
 def test_every_world_has_the_model_that_mujoco_compiled_for_its_class(table: ClassTable) -> None:
     count = len(table.models)
     model = mjw.put_model(table.models[0])
-    rows = class_rows(model, table.models, muted_sites(table))
+    rows = class_rows(model, table.models, disabled_sites(table))
     fields = DamageFields(model, rows, count)
     classes = np.random.default_rng(0).permutation(count)
     fields.gather(wp.full(count, True, dtype=wp.bool), wp.array(classes, dtype=wp.int32))
@@ -64,12 +64,12 @@ def test_a_touch_zone_may_differ_only_where_the_sensor_is_disabled(hexapod_table
 
 def test_classes_that_differ_in_shared_fields_are_rejected(ant_table: ClassTable) -> None:
     model = mjw.put_model(ant_table.models[0])
-    muted = [frozenset()] * 2
+    disabled = [frozenset()] * 2
     other = copy.copy(ant_table.models[0])
     other.jnt_limited[1] = 0
     with pytest.raises(ValueError, match="damage class 1 changes jnt_limited"):
-        class_rows(model, [ant_table.models[0], other], muted)
+        class_rows(model, [ant_table.models[0], other], disabled)
     other = copy.copy(ant_table.models[0])
     other.opt.timestep = 0.02
     with pytest.raises(ValueError, match=r"differ in opt\.timestep"):
-        class_rows(model, [ant_table.models[0], other], muted)
+        class_rows(model, [ant_table.models[0], other], disabled)

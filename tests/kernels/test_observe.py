@@ -32,7 +32,7 @@ def reference(task: Task, classes: NDArray[np.int64], physics: Physics) -> NDArr
             blocks.append(np.clip(physics.cfrc_ext, -term["clip"], term["clip"]).reshape(len(classes), -1))
         else:
             pressed = physics.sensordata[:, list(task.touch_addresses)] > 0.0
-            blocks.append((pressed & ~task.muted_touch[classes]).astype(np.float32))
+            blocks.append((pressed & ~task.disabled_touch[classes]).astype(np.float32))
     return np.concatenate([*blocks, task.codes[classes]], axis=1)
 
 

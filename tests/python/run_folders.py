@@ -66,8 +66,8 @@ def write_run(
 def write_adaptation(run: Path) -> None:
     """Add results of `adapt` to a run: 90 % of the oracle with adaptation, 50 % without, no PPO-Unaware."""
     header = (
-        "class,name,episodes,ended_before,false_alarms,detected,right_at_first,right_at_last,recovered,assumed,"
-        "adapted,oracle,unadapted,unaware\n"
+        "class,name,episodes,ended_before_onset,false_alarms,detected,correct_first,correct_last,recovered,assumed,"
+        "adapted,oracle,no_adaptation,unaware\n"
     )
     rows = (
         "0,healthy,10,0,1,0,0,10,0,healthy 10,70.0,70.0,70.0,\n"
@@ -95,7 +95,9 @@ def write_diagnoser(path: Path) -> Path:
     (path / "config.toml").write_text('method = "C"\ntimesteps = 50\nlstm = 32\nhead = "classes"\n')
     lines = [{"epoch": number, "validation_accuracy": 1 - 0.5 / number} for number in (1, 2)]
     (path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (path / "eval" / "test.confusion.csv").write_text("true\\named,healthy,broken\nhealthy,2,0\nbroken,1,1\n")
+    (path / "eval" / "test.confusion.csv").write_text(
+        "true\\diagnosed,healthy,broken\nhealthy,2,0\nbroken,1,1\n"
+    )
     summary = {"accuracy": 0.75, "standard_error": 0.1, "calibration_error": 0.05}
     (path / "eval" / "test.json").write_text(json.dumps(summary))
     return path

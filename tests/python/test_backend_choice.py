@@ -61,7 +61,7 @@ def test_a_robot_that_the_lane_engine_does_not_support_falls_back_with_the_reaso
         ({"precision": "f16"}, "precision must be one of 'f32', 'f64', got 'f16'"),
     ],
 )
-def test_unknown_names_are_refused_with_the_known_ones(
+def test_unknown_names_are_rejected_with_the_known_ones(
     ant_table: ClassTable, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ConfigError, match=message):

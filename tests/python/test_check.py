@@ -21,7 +21,7 @@ from dappo_batch.results import JointInfo, RobotReport
 from dappo_batch.robots import Limb
 
 from .command_line import dappo_batch as run
-from .test_simplify import OPTION, ROBOTS, SERVO, TOUCHES_ITSELF, Edits, write
+from .test_simplify import FREE, OPTION, ROBOTS, SERVO, TOUCHES_ITSELF, Edits, write
 
 SLACK: Edits = (('stiffness="0.1"', ""),)
 """Instead of the elastic belt, which the lane engine does not support."""

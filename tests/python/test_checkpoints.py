@@ -137,7 +137,7 @@ def refusals(run: Path) -> dict[str, tuple[int, str, bool]]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_checkpoint_that_cannot_be_used_is_refused_by_name(
+def test_a_checkpoint_that_cannot_be_used_is_rejected_by_name(
     name: str, refusals: dict[str, tuple[int, str, bool]]
 ) -> None:
     code, message, changed = refusals[name]

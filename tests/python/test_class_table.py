@@ -187,11 +187,11 @@ def test_a_state_of_one_class_fits_every_other(tables: dict[str, ClassTable]) ->
 
 def test_touch_sensors_of_limbs_without_a_toe_are_disabled(tables: dict[str, ClassTable]) -> None:
     table = tables["hexapod"]
-    muted = {item.name: table.muted_touch[index] for index, item in enumerate(table.space.classes)}
-    assert muted["healthy"] == ()
-    assert muted["jammed_joint@0"] == ()
-    assert muted["missing_toe@1+jammed_joint@3"] == (1,)
-    assert muted["missing_toe@2+missing_toe@5"] == (2, 5)
+    disabled = {item.name: table.disabled_touch[index] for index, item in enumerate(table.space.classes)}
+    assert disabled["healthy"] == ()
+    assert disabled["jammed_joint@0"] == ()
+    assert disabled["missing_toe@1+jammed_joint@3"] == (1,)
+    assert disabled["missing_toe@2+missing_toe@5"] == (2, 5)
 
 
 def test_touch_addresses_and_limb_bodies_follow_the_ring(tables: dict[str, ClassTable]) -> None:
@@ -246,12 +246,12 @@ def test_physics_switches_the_integrator_and_nothing_else() -> None:
         ({"physics": "rk5"}, "physics must be one of rk4, euler"),
     ],
 )
-def test_wrong_parameters_are_refused(arguments: dict[str, object], message: str) -> None:
+def test_wrong_parameters_are_rejected(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         compile_class_table("ant", **arguments)  # type: ignore[arg-type]
 
 
-def test_more_classes_than_memory_holds_are_refused_before_they_are_compiled(
+def test_more_classes_than_memory_holds_are_rejected_before_they_are_compiled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     size = compile_class_table("ant", max_damaged_limbs=0).models[0].nbuffer
@@ -302,13 +302,13 @@ def own_types(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("own_types")
-def test_a_class_of_other_sizes_is_refused_by_name_and_size() -> None:
+def test_a_class_of_other_sizes_is_rejected_by_name_and_size() -> None:
     with pytest.raises(ClassTableError, match=r"extra_geom@0.*ngeom is 15 instead of 14"):
         compile_class_table("ant", types=["extra_geom"])
 
 
 @pytest.mark.usefixtures("own_types")
-def test_a_class_that_does_not_compile_is_refused_with_mujocos_message() -> None:
+def test_a_class_that_does_not_compile_is_rejected_with_mujocos_message() -> None:
     with pytest.raises(ClassTableError, match=r"negative_size@0 does not compile: .*size"):
         compile_class_table("ant", types=["negative_size"])
 
@@ -337,7 +337,7 @@ def edited_ant(folder: Path, toml: tuple[str, str] = ("", ""), mjcf: tuple[str, 
         ('main_body = "torso"', 'main_body = "trunk"', "main_body: the MJCF has no body 'trunk'"),
     ],
 )
-def test_a_robot_toml_that_does_not_fit_its_mjcf_is_refused(
+def test_a_robot_toml_that_does_not_fit_its_mjcf_is_rejected(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     robot = edited_ant(tmp_path, toml=(old, new))
@@ -345,7 +345,7 @@ def test_a_robot_toml_that_does_not_fit_its_mjcf_is_refused(
         compile_class_table(robot, max_damaged_limbs=0)
 
 
-def test_an_mjcf_that_mujoco_cannot_read_is_refused_with_its_message(tmp_path: Path) -> None:
+def test_an_mjcf_that_mujoco_cannot_read_is_rejected_with_its_message(tmp_path: Path) -> None:
     robot = edited_ant(tmp_path, mjcf=("<option ", "<optoin "))
     with pytest.raises(ConfigError, match=r"cannot read .*ant\.xml"):
         compile_class_table(robot)

@@ -102,7 +102,7 @@ def test_numpy_maps_the_records_that_the_header_describes(collected: Collected, 
         assert header["subject"]["codes"] == [entry.code for entry in classes]
         assert header["seed"] == 3
         assert header["expert"]["run"] == str(expert)
-        assert header["expert"] == header["walker"]
+        assert header["expert"] == header["policy"]
         assert header["backend"] == "mujoco"
         data = records(folder)
         shape = (CLASSES, STEPS, 111)
@@ -204,7 +204,7 @@ def test_a_full_disk_is_an_error_and_leaves_a_valid_prefix(expert: Path, tmp_pat
     assert files(full) == files(whole)
 
 
-def test_bad_input_is_refused_before_anything_is_written(expert: Path, tmp_path: Path) -> None:
+def test_bad_input_is_rejected_before_anything_is_written(expert: Path, tmp_path: Path) -> None:
     out = tmp_path / "data"
     hexapod = tmp_path / "hexapod"
     dappo_batch(
@@ -213,8 +213,8 @@ def test_bad_input_is_refused_before_anything_is_written(expert: Path, tmp_path:
     expected = {
         ("--onset", "9-2"): (1, "onset is 9 to 2, expected a range in ascending order"),
         ("--shard", "2/2"): (1, "shard is `2/2`, expected i/n"),
-        ("--walker", str(hexapod)): (1, "belongs to robot `hexapod`, expected `ant`"),
-        ("--walker", str(tmp_path)): (1, "is no run folder"),
+        ("--policy", str(hexapod)): (1, "belongs to robot `hexapod`, expected `ant`"),
+        ("--policy", str(tmp_path)): (1, "is not a run folder"),
         ("--delay", "soon"): (2, "a range such as 20-150"),
         ("--preset", "gait"): (2, "paper, runtime, residual"),
         ("--resync", "-1"): (2, "invalid value '-1' for '--resync"),
@@ -281,7 +281,7 @@ def test_collection_resumes_after_a_kill_at_its_start_and_with_any_spelling_of_t
     assert path.read_bytes() == b"other notes"
 
 
-def test_a_shard_that_is_being_collected_is_refused_and_others_are_not(expert: Path, tmp_path: Path) -> None:
+def test_a_shard_that_is_being_collected_is_rejected_and_others_are_not(expert: Path, tmp_path: Path) -> None:
     out = tmp_path / "pairs"
     options: dict[str, Any] = {"preset": "paper", "rollouts": 4, "timesteps": STEPS, "seed": 3, "threads": 1}
     (first,) = package.collect_pairs(expert, out, shard="0/2", **options)

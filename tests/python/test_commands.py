@@ -111,7 +111,7 @@ def test_an_explicit_setting_wins_over_the_flag_of_the_same_name_in_new_and_resu
         ({"ppo.learning_rate": -1}, "`ppo.learning_rate` is -1"),
     ],
 )
-def test_settings_that_checkpoints_depend_on_are_refused_and_the_run_is_unchanged(
+def test_settings_that_checkpoints_depend_on_are_rejected_and_the_run_is_unchanged(
     run: Path, setting: dict[str, Any], message: str
 ) -> None:
     before = files(run)

@@ -72,7 +72,7 @@ class Robots:
             assert np.isfinite(actions).all()
             self.obs, _, terminated, _, infos = self.envs.step(actions)
             if terminated.any():
-                # Nobody puts a robot in the field back on its feet.
+                # A robot in the field is not put back on its feet.
                 self.become(self.damage)
             self.velocity = infos["forward_velocity"]
 
@@ -92,13 +92,13 @@ def test_every_damage_is_detected_and_diagnosed_and_healthy_robots_raise_no_alar
     healthy, *damaged = trial["classes"]
     assert len(damaged) == CLASSES - 1
     assert healthy["false_alarms"] == 0
-    assert healthy["adapted"] == healthy["oracle"] == healthy["unadapted"]
+    assert healthy["adapted"] == healthy["oracle"] == healthy["no_adaptation"]
     assert [row["detected"] for row in damaged] == [EPISODES] * len(damaged)
     # Damage of a leg that a policy of so little training hardly uses may take longer to show.
     assert np.median([row["median_delay"] for row in damaged]) <= 30
     # By chance, one in nine would be right.
-    assert trial["right_at_first"] > 0.8
-    assert trial["right_at_last"] > 0.8
+    assert trial["correct_first"] > 0.8
+    assert trial["correct_last"] > 0.8
 
 
 def test_the_table_of_all_classes_is_what_was_printed(parts: Path, trial: Record) -> None:
@@ -107,7 +107,7 @@ def test_the_table_of_all_classes_is_what_was_printed(parts: Path, trial: Record
     assert [row["name"] for row in rows] == [row["name"] for row in trial["classes"]]
     for row, printed in zip(rows, trial["classes"], strict=True):
         assert float(row["adapted"]) == pytest.approx(printed["adapted"], abs=0.006)
-        assert int(row["right_at_first"]) == printed["right_at_first"]
+        assert int(row["correct_first"]) == printed["correct_first"]
         assert row["median_delay"] == (
             "" if printed["median_delay"] is None else f"{printed['median_delay']:.1f}"
         )
@@ -125,7 +125,7 @@ def test_events_of_a_single_damage_are_printed_and_logged_step_by_step(parts: Pa
     assert [row["damage"] for row in rows[ONSET - 1 : ONSET + 1]] == ["healthy", "missing_toe@3"]
     (suspected,) = (index for index, row in enumerate(rows) if "suspected" in row["event"])
     (adapted,) = (index for index, row in enumerate(rows) if "adapted" in row["event"])
-    assert ONSET < suspected < adapted == suspected + 20, "an examination lasts as long as a window"
+    assert ONSET < suspected < adapted == suspected + 20, "the diagnosis follows at the end of the window"
     assert {row["assumed"] for row in rows[:adapted]} == {"healthy"}
     assert {row["assumed"] for row in rows[adapted:]} == {"missing_toe@3"}
     # Of the last 200 steps only those since the damage count.
@@ -191,9 +191,9 @@ def test_lost_observations_are_replaced_and_raise_no_suspicion(parts: Path) -> N
         return obs
 
     robots.walk(controller, 150, sensors)
-    assert kinds(controller) == ["readings_lost", "readings_back"] * 3
+    assert kinds(controller) == ["observation_invalid", "observation_valid"] * 3
     assert [event.step for event in controller.events] == [20, 21, 90, 91, 100, 110]
-    assert [event.faults for event in controller.events[::2]] == [111, 111, 1]
+    assert [event.entries for event in controller.events[::2]] == [111, 111, 1]
     # Lost from the first step on: nothing is known, and still there is an action.
     assert np.isfinite(make(parts).act(np.full(111, np.nan), np.nan)).all()
 
@@ -293,7 +293,9 @@ def test_a_reset_clears_earlier_observations_of_the_robot(parts: Path) -> None:
     used.reset([True, False])
     actions, expected = used.act(lost, np.zeros(2)), fresh.act(lost, np.zeros(2))
     np.testing.assert_array_equal(actions[0], expected[0])
-    assert np.abs(actions[0] - held).max() > 1e-3, "the readings of the robot before lead to other actions"
+    assert np.abs(actions[0] - held).max() > 1e-3, (
+        "the observations of the robot before lead to other actions"
+    )
 
 
 def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands_still(parts: Path) -> None:
@@ -313,12 +315,12 @@ def test_the_speed_trigger_needs_no_twin_and_suspects_a_robot_that_stands_still(
     assert suspected.step == 50, "after the cool-down"
 
 
-def test_what_cannot_be_used_is_refused_with_the_reason(parts: Path) -> None:
+def test_what_cannot_be_used_is_rejected_with_the_reason(parts: Path) -> None:
     with pytest.raises(dappo_batch.ConfigError, match=r"`confidence` is 2, expected a number in \[0, 1\]"):
         make(parts, confidence=2)
     with pytest.raises(dappo_batch.ConfigError, match="trigger"):
         Controller(parts / "aware", diagnoser=parts / "diagnoser", trigger="pain")
-    with pytest.raises(dappo_batch.ConfigError, match="is no run folder"):
+    with pytest.raises(dappo_batch.ConfigError, match="is not a run folder"):
         Controller(parts / "nowhere", diagnoser=parts / "diagnoser")
     with pytest.raises(dappo_batch.ShapeError, match=r"\[1, 119\].*expected \[1, 111\]"):
         make(parts).act(np.zeros(119), 0.0)
@@ -349,7 +351,7 @@ def test_a_damage_type_that_the_policy_was_not_trained_with_has_no_oracle(parts:
     (outcome,) = summary["classes"]
     assert outcome["name"] == "weak_motor@1"
     assert outcome["detected"] == outcome["episodes"] > 0
-    assert outcome["right_at_first"] == outcome["right_at_last"] == 0
+    assert outcome["correct_first"] == outcome["correct_last"] == 0
     assert outcome["oracle"] is summary["adapted_share"] is outcome["median_recovery"] is None
     assert {entry["name"] for entry in outcome["assumed"]} <= set(make(parts).class_names)
     assert sum(entry["episodes"] for entry in outcome["assumed"]) == outcome["episodes"]
@@ -375,11 +377,11 @@ def test_a_known_damage_keeps_its_oracle_among_unknown_ones(parts: Path, trial: 
     out, _ = run("adapt", *equipment(parts), "--damage", "missing_toe@3", *at(ONSET), *other, "--json")
     (outcome,) = json.loads(out)["summary"]["classes"]
     known = next(row for row in trial["classes"] if row["name"] == "missing_toe@3")
-    for key in ("oracle", "unadapted", "adapted", "right_at_first", "right_at_last", "median_recovery"):
+    for key in ("oracle", "no_adaptation", "adapted", "correct_first", "correct_last", "median_recovery"):
         assert outcome[key] == known[key], key
 
 
-def test_another_robot_than_the_policys_is_refused(parts: Path) -> None:
+def test_another_robot_than_the_policys_is_rejected(parts: Path) -> None:
     other = ("--damage", "missing_toe@1", "--set", 'robot="hexapod"')
     _, err = run("adapt", *equipment(parts), *other, code=1)
     assert "--set makes the robot `hexapod`, but the policy controls `ant`" in err

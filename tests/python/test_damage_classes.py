@@ -133,7 +133,7 @@ def test_the_printed_table_contains_the_same_as_the_json(capfd: pytest.CaptureFi
         ("jammed_joint@0+jammed_joint@1+jammed_joint@2", "at most 2"),
     ],
 )
-def test_a_damage_that_does_not_exist_is_refused(spec: str, reason: str) -> None:
+def test_a_damage_that_does_not_exist_is_rejected(spec: str, reason: str) -> None:
     with pytest.raises(ConfigError, match=reason):
         DamageSpace(4, TYPES, 2).parse(spec)
 

@@ -226,7 +226,7 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
         ("weak_motor", {"strength": math.nan}, "below 1"),
     ],
 )
-def test_a_wrong_damage_type_or_parameter_is_refused(
+def test_a_wrong_damage_type_or_parameter_is_rejected(
     name: str, options: dict[str, object], message: str
 ) -> None:
     with pytest.raises(ConfigError, match=message):
@@ -240,7 +240,7 @@ def test_a_wrong_damage_type_or_parameter_is_refused(
         (MissingToe(half_length=0.3), "below the 0.282843 m"),
     ],
 )
-def test_damage_that_does_not_fit_the_limb_is_refused(damage: DamageType, message: str) -> None:
+def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         damaged(load_robot("ant"), damage, 0)
 
@@ -391,13 +391,13 @@ def test_a_visual_geom_is_hidden() -> None:
         ),
     ],
 )
-def test_a_toe_that_cannot_break_off_alone_is_refused(end: str, extra: str, message: str) -> None:
+def test_a_toe_that_cannot_break_off_alone_is_rejected(end: str, extra: str, message: str) -> None:
     spec = limb(end, extra if extra else "<contact/>")
     with pytest.raises(ConfigError, match=message):
         STUMP.apply(spec, ONE, 1.0)
 
 
-def test_a_toe_that_carries_nothing_but_is_held_by_a_constraint_is_refused() -> None:
+def test_a_toe_that_carries_nothing_but_is_held_by_a_constraint_is_rejected() -> None:
     text = LIMB.format(
         end="",
         extra='<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
@@ -492,7 +492,7 @@ def test_a_dead_motor_gives_nothing_whatever_its_limits() -> None:
         ('<actuator><motor joint="knee"/></actuator>', 'actuatorgravcomp="true"', "compensate for gravity"),
     ],
 )
-def test_a_motor_that_cannot_weaken_alone_is_refused(extra: str, joint: str, message: str) -> None:
+def test_a_motor_that_cannot_weaken_alone_is_rejected(extra: str, joint: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         WeakMotor().apply(limb(extra=extra, joint=joint), ONE, 1.0)
 
@@ -573,7 +573,7 @@ def nameless() -> object:
         ),
     ],
 )
-def test_what_cannot_be_a_damage_type_is_refused(make: Callable[[], type[DamageType]], message: str) -> None:
+def test_what_cannot_be_a_damage_type_is_rejected(make: Callable[[], type[DamageType]], message: str) -> None:
     before = dict(dappo_batch.damage.DAMAGE_TYPES)
     with pytest.raises(ConfigError, match=message):
         register_damage_type(make())

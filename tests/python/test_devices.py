@@ -52,7 +52,7 @@ UNUSABLE: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", UNUSABLE)
-def test_a_gpu_that_cannot_be_used_is_refused_with_the_reason_and_auto_takes_the_cpu(
+def test_a_gpu_that_cannot_be_used_is_rejected_with_the_reason_and_auto_takes_the_cpu(
     case: str,
     machine: Any,  # noqa: ANN401
 ) -> None:
@@ -107,7 +107,7 @@ def test_who_asks_for_what_only_the_cpu_has_gets_the_cpu(
     assert tomllib.loads((run / "config.toml").read_text())["env"]["device"] == "cpu"
 
 
-def test_unknown_devices_are_refused_with_the_known_ones(ant_table: ClassTable) -> None:
+def test_unknown_devices_are_rejected_with_the_known_ones(ant_table: ClassTable) -> None:
     expected = "device must be one of 'auto', 'cpu', 'cuda', 'warp-cpu', got 'tpu'"
     with pytest.raises(ConfigError, match=expected):
         dappo_batch.make_vec(ant_table, device="tpu")
@@ -148,7 +148,7 @@ def test_errors_of_the_device_contain_a_remedy(error: Exception, message: str) -
     assert devices.explain(error).startswith(message)
 
 
-def test_a_learner_that_this_build_lacks_is_refused_before_there_is_a_run_folder(
+def test_a_learner_that_this_build_lacks_is_rejected_before_there_is_a_run_folder(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"

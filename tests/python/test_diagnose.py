@@ -49,7 +49,7 @@ def collect(root: Path, name: str, rollouts: int, seed: int, *more: str) -> tupl
 def matrix(path: Path) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Read a confusion matrix: a row a true class, a column a diagnosed class."""
     rows = read(path)
-    return np.array([[int(value) for key, value in row.items() if key != r"true\named"] for row in rows])
+    return np.array([[int(value) for key, value in row.items() if key != r"true\diagnosed"] for row in rows])
 
 
 def test_a_training_leaves_its_settings_metrics_model_and_results(folder: Path) -> None:
@@ -113,7 +113,7 @@ def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_
     shares = counts / counts.sum(1, keepdims=True)
     lost = 0.0
     for mistake in cost["mistakes"]:
-        share = shares[names.index(mistake["class"]), names.index(mistake["named"])]
+        share = shares[names.index(mistake["class"]), names.index(mistake["diagnosed"])]
         assert mistake["share"] == pytest.approx(share)
         lost += share * (mistake["true_reward"] - mistake["mistaken_reward"])
     assert len(cost["mistakes"]) == np.count_nonzero(counts - np.diag(np.diag(counts)))
@@ -165,7 +165,7 @@ def test_ctrl_c_and_resume_lead_to_the_same_epochs(folder: Path, tmp_path: Path)
         assert (halves / path).read_bytes() == (whole / path).read_bytes()
 
 
-def test_bad_input_is_refused_with_a_remedy(folder: Path, tmp_path: Path) -> None:
+def test_bad_input_is_rejected_with_a_remedy(folder: Path, tmp_path: Path) -> None:
     train = ("diagnose", "train", folder / "paper", "--out", tmp_path / "out")
     test = ("diagnose", "test", folder / "b", "--data")
     expected: dict[tuple[str | Path, ...], tuple[int, str]] = {

@@ -79,7 +79,7 @@ def test_most_logs_are_diagnosed_correctly_and_robots_are_independent(
     assert np.mean(np.array(named) == np.arange(CLASSES)) > 0.6  # chance: 1 in 9
 
 
-def test_shapes_and_folders_that_do_not_fit_are_refused(
+def test_shapes_and_folders_that_do_not_fit_are_rejected(
     diagnoser: Diagnoser,
     records: Any,  # noqa: ANN401
     folder: Path,

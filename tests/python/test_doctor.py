@@ -132,6 +132,8 @@ def test_the_extra_for_gpus_is_missing_with_its_command(monkeypatch: pytest.Monk
     check = doctor._warp()
     assert (check.status, check.cure) == ("missing", "pip install dappo-batch[gpu]")
     assert "warp and mujoco_warp missing" in check.detail
+    found = doctor.diagnose(rendering=False) | {"devices": {check.name: check.as_dict()}}
+    assert doctor._text(found).count("dappo-batch[gpu]") == 1
 
 
 def test_warp_is_reported_with_its_devices_and_why_no_gpu_can_be_used(

@@ -302,7 +302,7 @@ def little_memory() -> Iterator[None]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.usefixtures("little_memory")
-def test_envs_that_do_not_fit_the_limit_of_the_process_are_refused(table: dappo_batch.ClassTable) -> None:
+def test_envs_that_do_not_fit_the_limit_of_the_process_are_rejected(table: dappo_batch.ClassTable) -> None:
     with pytest.raises(
         ConfigError, match=r"not enough memory for 100000 envs .* needed, 0\.\d\d GB are available"
     ):

@@ -388,7 +388,7 @@ OTHER_SEED = ("seed = 1\n", "seed = 9\n")
     ids=lambda value: value[-1][-1] if isinstance(value, tuple) else "",
 )
 @pytest.mark.parametrize("flag", [(), ("--compare",)], ids=["together", "compared"])
-def test_runs_of_other_episodes_are_refused(
+def test_runs_of_other_episodes_are_rejected(
     runs: Path, tmp_path: Path, changes: tuple[tuple[str, str], ...], parts: list[str], flag: tuple[str, ...]
 ) -> None:
     other = edited(runs / AWARE[0], tmp_path / "other", OTHER_SEED, *changes)
@@ -401,7 +401,7 @@ def test_runs_of_other_episodes_are_refused(
     assert files(tmp_path) == before
 
 
-def test_runs_that_cannot_be_seeds_of_one_learner_or_of_one_robot_are_refused(
+def test_runs_that_cannot_be_seeds_of_one_learner_or_of_one_robot_are_rejected(
     runs: Path, tmp_path: Path, downhill: Path
 ) -> None:
     aware, unaware = runs / AWARE[0], runs / UNAWARE[1]
@@ -416,7 +416,7 @@ def test_runs_that_cannot_be_seeds_of_one_learner_or_of_one_robot_are_refused(
         ((aware, unaware), [f"{aware} is a run of DA-PPO and {unaware} one of PPO-Unaware", "--compare"]),
         ((aware, aware), ["both trained with seed 1", "must differ"]),
         ((aware, "--compare", unaware, unaware), ["both trained with seed 2", "must differ"]),
-        ((aware, "--compare", "nowhere"), ["nowhere is no run folder"]),
+        ((aware, "--compare", "nowhere"), ["nowhere is not a run folder"]),
         *(
             (
                 (unaware, "--encoding", name),

@@ -338,7 +338,7 @@ def test_an_export_replaces_an_earlier_one_and_nothing_else(
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep"
 
 
-def test_what_is_no_whole_export_is_refused_by_name(exports: Path, tmp_path: Path) -> None:
+def test_what_is_no_whole_export_is_rejected_by_name(exports: Path, tmp_path: Path) -> None:
     def refusal(change: str, content: str | None) -> str:
         folder = tmp_path / "robot"
         shutil.rmtree(folder, ignore_errors=True)
@@ -366,11 +366,11 @@ def test_what_is_no_whole_export_is_refused_by_name(exports: Path, tmp_path: Pat
     assert "timesteps is 0" in refusal("export.json", changed)
 
 
-def test_what_cannot_be_exported_is_refused_and_leaves_nothing(parts: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_exported_is_rejected_and_leaves_nothing(parts: Path, tmp_path: Path) -> None:
     shutil.copytree(parts / "aware", tmp_path / "unevaluated")
     shutil.rmtree(tmp_path / "unevaluated" / "eval")
     cases = (
-        (tmp_path / "nothing", parts / "diagnoser", "is no run folder"),
+        (tmp_path / "nothing", parts / "diagnoser", "is not a run folder"),
         (parts / "aware", parts / "pairs", "config.toml"),
         (tmp_path / "unevaluated", parts / "diagnoser", "dappo-batch evaluate"),
     )
@@ -415,7 +415,7 @@ def test_a_policy_alone_is_exported_and_acts_bit_identically_to_its_run(
             Controller.from_export(out)
 
 
-def test_broken_evaluations_are_refused_by_name_and_those_of_other_classes_do_not_matter_to_a_policy(
+def test_broken_evaluations_are_rejected_by_name_and_those_of_other_classes_do_not_matter_to_a_policy(
     parts: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(parts / "aware", tmp_path / "run")
@@ -447,7 +447,7 @@ def test_the_policy_of_an_export_with_a_diagnoser_can_be_taken_alone(exports: Pa
     np.testing.assert_array_equal(found, expected)
 
 
-def test_what_belongs_to_a_diagnoser_is_refused_without_one(parts: Path, tmp_path: Path) -> None:
+def test_what_belongs_to_a_diagnoser_is_rejected_without_one(parts: Path, tmp_path: Path) -> None:
     for more in (["--expert", str(parts / "expert")], ["--controller", "cooldown=20"]):
         assert run_cli(["export", str(parts / "aware"), "--out", str(tmp_path / "out"), *more]) == 2
     assert not list(tmp_path.iterdir())

@@ -119,7 +119,7 @@ WRITTEN: list[tuple[str, Callable[[Path], None]]] = [
 
 
 @pytest.mark.parametrize(("name", "command"), WRITTEN, ids=[name for name, _ in WRITTEN])
-def test_a_link_in_the_place_of_a_file_is_refused_or_replaced_and_never_followed(
+def test_a_link_in_the_place_of_a_file_is_rejected_or_replaced_and_never_followed(
     name: str, command: Callable[[Path], None], folders: Path
 ) -> None:
     put(folders / name, "link", victim(folders))
@@ -205,7 +205,7 @@ READ: list[tuple[str, Callable[[Path], None]]] = [
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
 @pytest.mark.parametrize(("name", "command"), READ, ids=[name for name, _ in READ])
-def test_what_is_no_regular_file_is_refused_at_once(
+def test_what_is_no_regular_file_is_rejected_at_once(
     name: str, command: Callable[[Path], None], kind: str, folders: Path
 ) -> None:
     put(folders / name, kind, victim(folders))
@@ -286,7 +286,7 @@ def test_lists_name_files_of_their_own_folder(name: str, folders: Path) -> None:
             command(folders)
 
 
-def test_a_file_that_is_not_listed_is_refused(folders: Path) -> None:
+def test_a_file_that_is_not_listed_is_rejected(folders: Path) -> None:
     path = folders / "run" / NEWEST / "manifest.json"
     manifest = json.loads(path.read_text())
     manifest["files"] = [file for file in manifest["files"] if file["name"] != "envs.safetensors"]
@@ -351,7 +351,7 @@ LEARNERS = {
 
 
 @pytest.mark.parametrize("case", LEARNERS)
-def test_a_learner_whose_numbers_do_not_fit_is_refused_before_it_is_used(case: str, folders: Path) -> None:
+def test_a_learner_whose_numbers_do_not_fit_is_rejected_before_it_is_used(case: str, folders: Path) -> None:
     pattern, replacement, message = LEARNERS[case]
     path = folders / "run" / NEWEST / "learner.toml"
     text, count = re.subn(pattern, replacement, path.read_text(), count=1)
@@ -363,7 +363,7 @@ def test_a_learner_whose_numbers_do_not_fit_is_refused_before_it_is_used(case: s
             command(folders)
 
 
-def test_moments_of_other_shapes_are_refused(folders: Path) -> None:
+def test_moments_of_other_shapes_are_rejected(folders: Path) -> None:
     newest = folders / "run" / NEWEST
     shutil.copy(newest / "value_adam.bpk", newest / "policy_adam.bpk")
     relist(newest)
@@ -402,7 +402,7 @@ def test_command_lines_are_bytes_as_well(
 ) -> None:
     run = os.fsdecode(os.fsencode(tmp_path) + b"/run\xff")
     assert dappo_batch._core.run_cli(["train", "--resume", run, "--threads", "1"]) == 1
-    assert "is no run folder" in capfd.readouterr().err
+    assert "is not a run folder" in capfd.readouterr().err
     shutil.copytree(made / "run", run)
     assert dappo_batch._core.run_cli(["evaluate", run, "--threads", "1"]) == 0
     assert dappo_batch._core.run_cli(["train", os.fsdecode(b"--r\xff")]) == 2

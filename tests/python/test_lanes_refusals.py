@@ -234,7 +234,7 @@ def refusal(table: ClassTable) -> str:
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_a_robot_with_something_unknown_is_refused_with_the_reason(name: str, tmp_path: Path) -> None:
+def test_a_robot_with_something_unknown_is_rejected_with_the_reason(name: str, tmp_path: Path) -> None:
     edits, reason = REFUSALS[name]
     table = toy(tmp_path, SLACK + edits)
     assert reason in refusal(table)
@@ -321,7 +321,7 @@ def test_an_exclusion_between_a_limb_and_the_floor_is_not_ignored(tmp_path: Path
     )
 
 
-def test_a_velocity_that_is_not_the_roots_is_refused(tmp_path: Path) -> None:
+def test_a_velocity_that_is_not_the_roots_is_rejected(tmp_path: Path) -> None:
     table = toy(tmp_path, SLACK, toml=(('main_body = "plate"', 'main_body = "west_lower"'),))
     assert "main_body, body `west_lower`, is not body `plate`" in refusal(table)
 

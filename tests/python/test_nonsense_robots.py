@@ -80,7 +80,7 @@ NONSENSE: dict[str, tuple[str, str, str]] = {
 
 
 @pytest.mark.parametrize("name", NONSENSE)
-def test_a_toml_that_makes_no_sense_is_refused_with_the_entry(name: str, folder: Path) -> None:
+def test_a_toml_that_makes_no_sense_is_rejected_with_the_entry(name: str, folder: Path) -> None:
     old, new, reason = NONSENSE[name]
     assert reason in refusal(toy(folder, toml=((old, new),)))
 
@@ -108,13 +108,13 @@ def test_all_faults_of_a_toml_come_at_once_under_the_name_of_the_file(folder: Pa
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "a." * 100_000 + "a = 1", "a = " + "{a = " * 100_000])
-def test_a_toml_nested_100000_deep_is_refused(folder: Path, text: str) -> None:
+def test_a_toml_nested_100000_deep_is_rejected(folder: Path, text: str) -> None:
     path = folder / "deep.toml"
     path.write_text(text)
     assert "nested more than 32 deep" in refusal(path)
 
 
-def test_a_toml_that_is_no_file_or_no_text_is_refused(folder: Path) -> None:
+def test_a_toml_that_is_no_file_or_no_text_is_rejected(folder: Path) -> None:
     os.mkfifo(folder / "pipe.toml")
     assert "not a regular file" in refusal(folder / "pipe.toml")
     (folder / "binary.toml").write_bytes(b"\xff\xfe\x00")
@@ -172,7 +172,7 @@ ABSURD: dict[str, tuple[Edits, str]] = {
 
 
 @pytest.mark.parametrize("name", ABSURD)
-def test_an_mjcf_that_makes_no_sense_is_refused_in_bounded_time_and_memory(name: str, folder: Path) -> None:
+def test_an_mjcf_that_makes_no_sense_is_rejected_in_bounded_time_and_memory(name: str, folder: Path) -> None:
     edits, reason = ABSURD[name]
     assert reason in refusal(toy(folder, edits))
 
@@ -273,7 +273,7 @@ def with_pictures(folder: Path, entry: str, mjcf: Edits = ()) -> Path:
         ('<camera name="front"/><camera/><camera name="top"/>', "expected one of 'front', 'top'"),
     ],
 )
-def test_a_camera_that_the_mjcf_lacks_is_refused_with_the_existing_ones(
+def test_a_camera_that_the_mjcf_lacks_is_rejected_with_the_existing_ones(
     cameras: str, reason: str, folder: Path
 ) -> None:
     mjcf = ((PLATE, f"{cameras}{PLATE}"),)
@@ -292,18 +292,18 @@ def test_the_camera_of_the_mjcf_and_no_camera_are_accepted(folder: Path) -> None
         assert len(dappo_batch.compile_class_table(path, max_damaged_limbs=0).models) == 1
 
 
-def test_entries_of_pictures_that_nothing_reads_are_refused(folder: Path) -> None:
+def test_entries_of_pictures_that_nothing_reads_are_rejected(folder: Path) -> None:
     assert "[pictures]: unknown entries kamera" in refusal(with_pictures(folder, 'kamera = "side"'))
     assert "[pictures]: `camera` is 5, expected a text" in refusal(with_pictures(folder, "camera = 5"))
 
 
 @pytest.mark.parametrize("name", UNFIT)
-def test_a_robot_without_what_the_guide_requires_is_refused(name: str, folder: Path) -> None:
+def test_a_robot_without_what_the_guide_requires_is_rejected(name: str, folder: Path) -> None:
     mjcf, toml, reason = UNFIT[name]
     assert reason in refusal(toy(folder, mjcf, toml))
 
 
-def test_a_robot_that_nothing_moves_is_refused(folder: Path) -> None:
+def test_a_robot_that_nothing_moves_is_rejected(folder: Path) -> None:
     text = (ROBOTS / "tripod.xml").read_text()
     actuators = text[text.index("<actuator>") : text.index("</actuator>")]
     assert "it has no actuators" in refusal(toy(folder, ((actuators, "<actuator>"),)))

@@ -59,7 +59,7 @@ class PlainRobot:
             parts.append(np.clip(data.cfrc_ext, -1.0, 1.0).ravel())
         else:
             touch = data.sensordata[list(self.table.touch_addresses)] > 0.0
-            touch[list(self.table.muted_touch[self.damage_class])] = False
+            touch[list(self.table.disabled_touch[self.damage_class])] = False
             parts.append(touch.astype(np.float64))
         code = self.table.space.classes[self.damage_class].code
         return np.concatenate([*parts, np.asarray(code, dtype=np.float64)]).astype(np.float32)

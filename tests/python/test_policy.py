@@ -28,8 +28,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_policy_has_its_sizes_and_class_names(runs: Path) -> None:
     policy = Policy.load(runs / "aware")
     assert (policy.obs_dim, policy.action_dim, policy.env_steps) == (111, 8, 128)
-    assert policy.observes_damage
-    assert not Policy.load(str(runs / "unaware")).observes_damage
+    assert (policy.observes_damage, policy.code_length) == (True, 8)
+    unaware = Policy.load(str(runs / "unaware"))
+    assert (unaware.observes_damage, unaware.code_length) == (False, 0)
     table = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)
     assert policy.class_names == [item.name for item in table.space.classes]
 
@@ -48,6 +49,14 @@ def test_one_observation_and_many_get_the_same_actions_whatever_way_the_damage_i
     same = policy.act(obs, damage_class="missing_toe@1")
     np.testing.assert_array_equal(same[[1, 3]], together[[1, 3]])
     np.testing.assert_array_equal(policy.act(obs)[0], together[0])
+
+
+def test_observations_of_envs_contain_the_code_that_the_policy_receives(runs: Path) -> None:
+    policy = Policy.load(runs / "aware")
+    envs = dappo_batch.make_vec("ant", 9, max_damaged_limbs=1, damage="uniform", seed=0)
+    obs, _ = envs.reset(options={"damage_class": list(range(9))})
+    np.testing.assert_array_equal(policy.act(obs), policy.act(obs[:, :111], damage_class=range(9)))
+    np.testing.assert_allclose(policy.act(obs[3]), policy.act(obs)[3], atol=1e-6)
 
 
 def test_the_damage_class_changes_the_actions_of_a_policy_that_observes_it(runs: Path) -> None:
@@ -69,15 +78,20 @@ def test_actions_are_those_of_the_network_that_the_checkpoint_holds(runs: Path) 
     assert np.abs(expected - mean_actions(runs / "aware", obs)).max() > 1e-3, "the code matters"
 
 
-def test_what_does_not_fit_is_refused(runs: Path, tmp_path: Path) -> None:
+def test_what_does_not_fit_is_rejected(runs: Path, tmp_path: Path) -> None:
     policy = Policy.load(runs / "aware")
-    with pytest.raises(ShapeError, match=r"\[1, 119\].*expected \[N, 111\] \(without damage code\)"):
-        policy.act(np.zeros(119))
+    expected = r"expected \[N, 111\] \(without damage code\) and \[N\], or \[N, 119\] \(with it\)"
+    with pytest.raises(ShapeError, match=rf"\[1, 118\].*{expected}"):
+        policy.act(np.zeros(118))
+    with pytest.raises(ShapeError, match=rf"\[1, 119\] and damage_class \[1\], {expected}"):
+        policy.act(np.zeros(119), damage_class=0)
+    with pytest.raises(ShapeError, match=r"\[1, 119\].*expected \[N, 111\]"):
+        Policy.load(runs / "unaware").act(np.zeros(119))
     with pytest.raises(ShapeError, match=r"damage_class \[3\]"):
         policy.act(np.zeros((2, 111)), damage_class=[0, 1, 2])
     with pytest.raises(ConfigError, match="damage class 9 does not exist; the classes are 0 to 8"):
         policy.act(np.zeros(111), damage_class=9)
     with pytest.raises(ConfigError, match="missing_toe@8"):
         policy.act(np.zeros(111), damage_class="missing_toe@8")
-    with pytest.raises(ConfigError, match="is no run folder"):
+    with pytest.raises(ConfigError, match="is not a run folder"):
         Policy.load(tmp_path / "nowhere")

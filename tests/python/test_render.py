@@ -13,6 +13,7 @@ import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from .. import processes
 from .command_line import TINY, dappo_batch_many, start
@@ -139,6 +140,16 @@ def test_adapt_prints_the_same_with_and_without_a_video(parts: Path, tmp_path: P
     assert film[1][0] - film[0][0] == pytest.approx(0.05)
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+def test_the_camera_of_a_video_of_adapt_is_the_one_that_is_given(parts: Path, tmp_path: Path) -> None:
+    paths = [tmp_path / "left.png", tmp_path / "right.png"]
+    for path in paths:
+        run(*adapt(parts, "--video", path, "--camera", path.stem))
+    left, right = (np.asarray(Image.open(path), np.int64) for path in paths)
+    assert np.abs(left - right).mean() > 1.0
+
+
 def test_where_nothing_can_be_drawn_the_numbers_are_printed_and_written_first(
     parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -168,10 +179,12 @@ def test_a_signal_ends_the_drawing_at_once_and_leaves_no_half_of_a_file(
     assert not list(tmp_path.iterdir())
 
 
-def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Path) -> None:
+def test_unusable_input_is_rejected_before_the_episode(parts: Path, tmp_path: Path) -> None:
     render_it = ("render", parts / "ant", "--out", tmp_path / "walk.mp4")
     expected = {
         adapt(parts, "--video", tmp_path / "walk.avi"): (1, "expected one of .mp4, .gif, .png"),
+        adapt(parts, "--video", tmp_path / "walk.mp4", "--camera", "above"): (1, "'above'"),
+        adapt(parts, "--camera", "left"): (2, "--video"),
         (*render_it, "--at", "9", "--steps", "9"): (1, "strike at step 9, but an episode has 9 steps"),
         (*render_it, "--damage", "missing_toe@7"): (1, "missing_toe@7"),
         (*render_it, "--camera", "top"): (
@@ -189,7 +202,7 @@ def test_unusable_input_is_refused_before_the_episode(parts: Path, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_window_without_a_screen_is_refused_before_the_episode(
+def test_a_window_without_a_screen_is_rejected_before_the_episode(
     parts: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)

@@ -141,7 +141,7 @@ def test_a_camera_of_the_mjcf_shows_what_it_sees(tmp_path: Path) -> None:
     assert columns.mean() == pytest.approx(WIDTH / 2, abs=3)
 
 
-def test_a_camera_that_the_robot_does_not_have_is_refused_with_those_that_it_has(tmp_path: Path) -> None:
+def test_a_camera_that_the_robot_does_not_have_is_rejected_with_those_that_it_has(tmp_path: Path) -> None:
     table = quadruped(tmp_path, 1.0)
     with pytest.raises(
         ConfigError, match=r"camera is 'top', expected auto, left, right, front, back.*'above'"

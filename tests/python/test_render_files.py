@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import itertools
 import struct
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import av
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -16,10 +21,10 @@ from PIL import Image
 
 import dappo_batch
 from dappo_batch import ConfigError, DappoError, MissingExtraError, render
-from dappo_batch.render import RenderError, Walk, encoders, film, opengl
+from dappo_batch.render import RenderError, Walk, encoders, film, opengl, window
 from dappo_batch.render.captions import Caption
 from dappo_batch.render.lettering import letter
-from dappo_batch.render.scene import RED, copy_class, painted
+from dappo_batch.render.scene import RED, copy_class, painted, scene
 from dappo_batch.render.scenery import with_scenery
 
 Picture = NDArray[np.uint8]
@@ -183,12 +188,14 @@ def test_progress_is_reported_after_every_frame(
 
 
 @pytest.mark.parametrize("strip", [0, 65])
-def test_a_strip_of_no_or_too_many_frames_is_refused(strip: int, walk: Walk, tmp_path: Path) -> None:
+def test_a_strip_of_no_or_too_many_frames_is_rejected(strip: int, walk: Walk, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="strip must be"):
         render.write(tmp_path / "film.png", walk, strip=strip)
 
 
-def test_a_file_of_another_kind_or_in_no_folder_or_of_odd_size_is_refused(walk: Walk, tmp_path: Path) -> None:
+def test_a_file_of_another_kind_or_in_no_folder_or_of_odd_size_is_rejected(
+    walk: Walk, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=r"'\.avi', expected one of \.mp4, \.gif, \.png"):
         render.check(tmp_path / "film.avi")
     with pytest.raises(ConfigError, match="there is no folder"):
@@ -238,7 +245,7 @@ def test_an_opengl_that_fails_in_between_is_an_error_and_no_shorter_film(
         list(render.frames(walk, [0, 1]))
 
 
-def test_a_window_without_a_screen_is_refused_with_what_works_instead(
+def test_a_window_without_a_screen_is_rejected_with_what_works_instead(
     walk: Walk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
@@ -280,3 +287,85 @@ def test_the_opengl_is_the_users_or_else_the_first_that_works_with_or_without_a_
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert opengl.choices() == expected
+
+
+def test_several_processes_draw_the_same_frames_as_one(walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The robot moves 3 m, and the lights with it, as far as the camera has moved since the first frame.
+    qpos = np.tile(walk.states[0], (5, 1))
+    qpos[:, 0] = np.linspace(0.0, 3.0, 5)
+    moving = Walk(walk.table, qpos, "missing_toe@0", 2)
+    started: list[int] = []
+    start = opengl.start
+    monkeypatch.setattr(opengl, "start", lambda *given: started.append(1) or start(*given))
+    drawn = {}
+    for cores in (1, 2):
+        monkeypatch.setattr(opengl, "_PICTURES_EACH", 1)
+        monkeypatch.setattr(opengl, "_cores", lambda cores=cores: cores)
+        drawn[cores] = np.array(list(render.frames(moving, [0, 1, 2, 3, 4], size=(96, 64))))
+    assert len(started) == 1 + 2
+    np.testing.assert_array_equal(drawn[2], drawn[1])
+
+
+def test_the_process_that_fails_among_several_is_the_one_whose_reason_is_given(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = "sys.stdin.buffer.read(); sys.stdout.buffer.write(bytes(640 * 480 * 3))"
+    monkeypatch.setattr(opengl, "choices", lambda: ["egl"])
+    monkeypatch.setattr(opengl, "PAINTER", ("-c", f"import sys; {picture}; sys.exit('crash')"))
+    monkeypatch.setattr(opengl, "_PICTURES_EACH", 1)
+    monkeypatch.setattr(opengl, "_cores", lambda: 2)
+    with pytest.raises(RenderError, match="egl failed after 2 pictures: crash"):
+        list(render.frames(walk, [0, 1, 2]))
+
+
+class Window:
+    """Stand in for MuJoCo's window: it keeps where the first light is, and closes after the fifth state."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, **_: bool) -> None:
+        self.model, self.data, self.cam = model, data, mujoco.MjvCamera()
+        self.lights: list[NDArray[np.float64]] = []
+
+    def __enter__(self) -> Window:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def is_running(self) -> bool:
+        return len(self.lights) < 5
+
+    def lock(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
+
+    def set_texts(self, texts: object) -> None:
+        assert texts
+
+    def sync(self) -> None:
+        self.lights.append(self.data.light_xpos[0].copy())
+
+
+def test_a_window_has_the_shadows_of_a_film_and_its_lights_follow_the_robot(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    qpos = np.tile(walk.states[0], (5, 1))
+    qpos[:, 0] = np.linspace(0.0, 3.0, 5)
+    moving = Walk(walk.table, qpos, "missing_toe@0", 2)
+    opened: list[Window] = []
+
+    def launch(*given: Any, **more: Any) -> Window:  # noqa: ANN401
+        opened.append(Window(*given, **more))
+        return opened[0]
+
+    viewer = ModuleType("mujoco.viewer")
+    monkeypatch.setattr(viewer, "launch_passive", launch, raising=False)
+    monkeypatch.setitem(sys.modules, "mujoco.viewer", viewer)
+    monkeypatch.setattr(mujoco, "viewer", viewer, raising=False)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(window, "_PAUSE_SECONDS", 0.0)
+    render.view(moving)
+    drawn = scene(moving, [0, 4], 640, 480)
+    (shown,) = opened
+    assert shown.model.vis.map.shadowclip == drawn.models[0].vis.map.shadowclip
+    travelled = drawn.view.lookat[1] - drawn.view.lookat[0]
+    assert travelled[0] > 1.0
+    np.testing.assert_allclose(shown.lights[4] - shown.lights[0], travelled, atol=1e-9)

@@ -45,8 +45,8 @@ def test_the_caption_follows_the_events_of_the_controller() -> None:
         event(4, "adapted", **{"class": 2}),
         event(6, "suspected"),
         diagnosed(7, 1, 0.31, accepted=False),
-        event(8, "readings_lost", faults=3),
-        event(9, "readings_back"),
+        event(8, "observation_invalid", entries=3),
+        event(9, "observation_valid"),
         event(10, "withdrawn", **{"class": 2}, residual=0.4, healthy=0.2),
         event(10, "adapted", **{"class": 0}),
         event(11, "suspected"),
@@ -54,14 +54,14 @@ def test_the_caption_follows_the_events_of_the_controller() -> None:
     ]
     assert findings(events, NAMES, ["left hind"], 13) == [
         *(["no damage suspected"] * 2),
-        *(["damage suspected, examining"] * 2),
+        *(["damage suspected, diagnosing"] * 2),
         *(["diagnosed as missing toe (left hind), confidence 97 %, policy adapted"] * 2),
-        "damage suspected, examining",
+        "damage suspected, diagnosing",
         "no diagnosis: jammed joint (left hind), confidence 31 %",
-        "no diagnosis: jammed joint (left hind), confidence 31 %, observations lost",
+        "no diagnosis: jammed joint (left hind), confidence 31 %, observation invalid",
         "no diagnosis: jammed joint (left hind), confidence 31 %",
         "diagnosis withdrawn: missing toe (left hind), policy reset to healthy",
-        "damage suspected, examining",
+        "damage suspected, diagnosing",
         "diagnosed as healthy, confidence 90 %",
     ]
 
@@ -91,7 +91,7 @@ def test_damage_is_shown_in_words_with_the_names_of_the_limbs(name: str, expecte
         (5, "an event must be a mapping"),
     ],
 )
-def test_an_event_that_is_none_is_refused(table: ClassTable, odd: Any, message: str) -> None:  # noqa: ANN401
+def test_an_event_that_is_none_is_rejected(table: ClassTable, odd: Any, message: str) -> None:  # noqa: ANN401
     with pytest.raises(ConfigError, match=message):
         Walk(table, states(table, 3), events=[odd], known_names=NAMES)
     assert Walk(table, states(table, 3), events=[event(1, "adapted", **{"class": 2})], known_names=NAMES)
@@ -202,7 +202,7 @@ def test_the_floor_has_no_end_and_tiles_as_large_as_before(table: ClassTable) ->
         ({"forward_velocity": np.zeros(3)}, ShapeError, r"shape \(3,\), expected \[2\]"),
     ],
 )
-def test_a_walk_that_fits_together_badly_is_refused(
+def test_a_walk_that_fits_together_badly_is_rejected(
     change: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     ant = dappo_batch.compile_class_table("ant", max_damaged_limbs=1)

@@ -318,7 +318,7 @@ def test_a_sweep_is_drawn_like_its_runs(tmp_path: Path) -> None:
     ]
 
 
-def test_a_sweep_without_a_run_or_with_a_link_is_refused(tmp_path: Path) -> None:
+def test_a_sweep_without_a_run_or_with_a_link_is_rejected(tmp_path: Path) -> None:
     sweep = tmp_path / "sweep"
     sweep.mkdir()
     (sweep / "sweep.json").write_text('{"base": {}}')
@@ -396,18 +396,18 @@ def test_an_unknown_kind_of_path_is_in_the_error_and_nothing_is_written(folder: 
     assert files(out) == {}
 
 
-def test_a_report_of_nothing_is_refused(tmp_path: Path) -> None:
+def test_a_report_of_nothing_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is nothing to report"):
         report.write([], tmp_path / "report.html")
 
 
-def test_a_table_that_is_cut_short_is_refused(tmp_path: Path) -> None:
+def test_a_table_that_is_cut_short_is_rejected(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "walk.csv")
     trace.write_text(trace.read_text()[:-10])
     with pytest.raises(CheckpointError, match=r"walk.csv: row 61 has \d entries, expected 5"):
         read([trace])
     confusion = write_diagnoser(tmp_path / "diagnoser") / "eval" / "test.confusion.csv"
-    confusion.write_text("true\\named,healthy,broken\nhealthy,2,0\n")
+    confusion.write_text("true\\diagnosed,healthy,broken\nhealthy,2,0\n")
     with pytest.raises(CheckpointError, match="rows and columns have different classes"):
         read([tmp_path / "diagnoser"])
 
@@ -478,7 +478,7 @@ def test_a_page_fits_its_window(folder: Path, tmp_path: Path, width: int, shown:
     assert max(measured["figures"]) < 1, "figures reach from one side to the other"
 
 
-def test_a_trace_with_a_speed_that_is_no_number_is_refused(tmp_path: Path) -> None:
+def test_a_trace_with_a_speed_that_is_no_number_is_rejected(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "walk.csv")
     trace.write_text(trace.read_text().replace("5,0.5,", "5,fast,", 1))
     with pytest.raises(CheckpointError, match=r"walk\.csv: not every forward_velocity is a number"):

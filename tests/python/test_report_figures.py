@@ -221,4 +221,4 @@ def _covered(figure: Figure) -> list[tuple[str, str]]:
 def test_shares_of_the_oracle_leave_the_healthy_robot_out(folder: Path) -> None:
     table = load_run(folder / "aware0").adaptation
     assert table is not None
-    assert shares(table) == {"adapted": 0.9, "unadapted": 0.5}
+    assert shares(table) == {"adapted": 0.9, "no_adaptation": 0.5}

@@ -131,7 +131,9 @@ def test_the_copy_compiles_to_the_same_model_when_the_original_is_gone(layout: s
         ({"robot.xml": '<robot name="r"/>'}, "begins with <robot>, expected <mujoco>"),
     ],
 )
-def test_what_cannot_be_copied_is_refused_by_name(files: dict[str, str], reason: str, tmp_path: Path) -> None:
+def test_what_cannot_be_copied_is_rejected_by_name(
+    files: dict[str, str], reason: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=re.escape(reason)):
         flatten(write(tmp_path, files))
 
@@ -262,7 +264,7 @@ def test_what_means_the_same_is_no_difference(tmp_path: Path) -> None:
     assert before.differences(RobotCopy.of(moved, {})) == []
 
 
-def test_a_copy_that_is_not_what_was_written_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_copy_that_is_not_what_was_written_is_rejected_by_name(tmp_path: Path) -> None:
     copy = RobotCopy.of(write_mesh_robot(tmp_path / "robot"), {})
 
     def refusal(name: str, content: bytes | None) -> str:

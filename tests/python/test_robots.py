@@ -194,7 +194,7 @@ def test_a_new_robot_needs_no_code() -> None:
     assert np.all(data.sensordata > 0)
 
 
-def test_an_unknown_robot_is_refused_with_a_list_of_the_known_ones() -> None:
+def test_an_unknown_robot_is_rejected_with_a_list_of_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"'spider'.*ant, hexapod.*robot TOML"):
         load_robot("spider")
 
@@ -220,7 +220,7 @@ def test_a_missing_robot_file_is_in_the_error(tmp_path: Path) -> None:
         ("[damage]", "[damage", "not valid TOML"),
     ],
 )
-def test_a_faulty_robot_toml_is_refused_with_the_entry(
+def test_a_faulty_robot_toml_is_rejected_with_the_entry(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     robot = load_robot("ant")

@@ -208,7 +208,7 @@ def test_a_run_of_an_earlier_version_is_used_with_a_note_and_gets_its_copy_when_
     assert "keeps no copy" not in capfd.readouterr().err
 
 
-def test_a_configuration_that_gives_the_code_another_meaning_is_refused(place: Path) -> None:
+def test_a_configuration_that_gives_the_code_another_meaning_is_rejected(place: Path) -> None:
     config = place / "aware" / "config.toml"
     config.write_text(config.read_text().replace("severity = 1.0", "severity = 0.5"))
     message = refusal(lambda: dappo_batch.evaluate(place / "aware"))
@@ -216,7 +216,7 @@ def test_a_configuration_that_gives_the_code_another_meaning_is_refused(place: P
     assert "damage.severity: 1.0 → 0.5" in message
 
 
-def test_parts_that_were_made_with_another_version_of_the_robot_are_refused(
+def test_parts_that_were_made_with_another_version_of_the_robot_are_rejected(
     place: Path, tmp_path: Path
 ) -> None:
     edit(place / "robot" / "tripod.toml", GEAR)

@@ -53,6 +53,20 @@ def test_columns_that_newer_versions_write_are_empty_in_older_lines(tmp_path: Pa
     assert metrics["backend"].tolist() == ["", "lanes"]
 
 
+def test_columns_of_an_earlier_version_have_todays_names(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "run", forward_rewards=[1.0])
+    (path / "eval").mkdir(exist_ok=True)
+    earlier = (
+        "class,name,episodes,ended_before,right_at_first,right_at_last,examinations,adapted,oracle,unadapted\n"
+        "1,jammed_joint@0,10,1,8,9,1.25,60.0,80.0,50.0\n"
+    )
+    (path / "eval" / "adapt.csv").write_text(earlier)
+    table = load_run(path).adaptation
+    assert table is not None
+    names = ("ended_before_onset", "correct_first", "correct_last", "diagnosis_windows", "no_adaptation")
+    assert [table[name].tolist() for name in names] == [[1], [8], [9], [1.25], [50.0]]
+
+
 def test_a_run_that_is_still_training_can_be_read(tmp_path: Path) -> None:
     path = write_run(tmp_path / "run", forward_rewards=[1.0, 2.0])
     with (path / "metrics.jsonl").open("a") as file:
@@ -64,7 +78,7 @@ def test_a_run_that_is_still_training_can_be_read(tmp_path: Path) -> None:
     assert (dict(run.metrics), run.meta) == ({}, Meta())
 
 
-def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> None:
+def test_a_table_of_an_evaluation_without_rows_is_rejected(tmp_path: Path) -> None:
     path = write_run(tmp_path / "run", forward_rewards=[1.0])
     (path / "eval").mkdir(exist_ok=True)
     (path / "eval" / "per_class.csv").write_text("class,name,group,forward_reward\n")
@@ -72,10 +86,10 @@ def test_a_table_of_an_evaluation_without_rows_is_refused(tmp_path: Path) -> Non
         load_run(path)
 
 
-def test_a_folder_that_is_not_a_run_folder_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_run_folder_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is not a folder; expected a run folder"):
         load_run(tmp_path / "nowhere")
-    with pytest.raises(ConfigError, match=r"is no run folder: it has no config\.toml"):
+    with pytest.raises(ConfigError, match=r"is not a run folder: it has no config\.toml"):
         load_run(tmp_path)
     with pytest.raises(ConfigError, match=r"its config\.toml has no robot, seed, total_steps, env, ppo"):
         load_run(write_diagnoser(tmp_path / "diagnoser"))

@@ -136,7 +136,7 @@ def test_a_restored_episode_that_had_ended_is_still_ended(tmp_path: Path) -> Non
         envs.step(idle)
 
 
-def test_a_state_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+def test_a_state_that_does_not_fit_is_rejected(tmp_path: Path) -> None:
     table = toy(tmp_path)
     envs = dappo_batch.make_vec(table, 2, seed=0, autoreset="same_step")
     with pytest.raises(ConfigError, match="before the first reset"):

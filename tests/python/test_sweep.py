@@ -117,7 +117,7 @@ def test_a_sweep_whose_process_is_killed_resumes_with_the_missing_cells(tmp_path
     assert "true" in straight.per_class
 
 
-def test_another_base_and_an_empty_grid_are_refused(tmp_path: Path) -> None:
+def test_another_base_and_an_empty_grid_are_rejected(tmp_path: Path) -> None:
     sweep(BASE, {"seed": [0]}, tmp_path / "sweep", executor=Inline())
     with pytest.raises(ConfigError, match="another base"):
         sweep(BASE | {"num_envs": 8}, {"seed": [0]}, tmp_path / "sweep", executor=Inline())

@@ -202,7 +202,7 @@ def test_objects_work_in_threads_of_their_own(done: Done, table: ClassTable, bac
 
 
 @pytest.mark.parametrize("make", [Policy.load, partial(Diagnoser.load, expert="run")])
-def test_impossible_numbers_of_threads_are_refused(make: Callable[..., object]) -> None:
+def test_impossible_numbers_of_threads_are_rejected(make: Callable[..., object]) -> None:
     with pytest.raises(dappo_batch.ConfigError, match="threads must be at least 1, got 0"):
         make("run", threads=0)
     with pytest.raises(dappo_batch.ConfigError, match="threads must be at least 1, got 0"):
@@ -260,7 +260,7 @@ def test_an_env_continues_in_a_forked_process_as_in_its_own(
         np.testing.assert_array_equal(theirs[0], walk()[0])
 
 
-def test_a_device_is_refused_in_a_forked_process(table: ClassTable) -> None:
+def test_a_device_is_rejected_in_a_forked_process(table: ClassTable) -> None:
     pytest.importorskip("mujoco_warp")
     envs = dappo_batch.make_vec(table, 2, damage="healthy", seed=0, device="warp-cpu")
     envs.reset()

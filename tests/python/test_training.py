@@ -71,6 +71,13 @@ def test_a_run_folder_contains_everything_that_is_documented(finished: tuple[Pat
     assert {"backend", "precision", "device", "physics"} < meta.keys()
 
 
+def test_the_first_line_has_the_preset_and_the_settings_that_differ_from_it(
+    finished: tuple[Path, str, str],
+) -> None:
+    _, _, err = finished
+    assert " · PPO preset batch, changed: ppo.hidden = [8] · 4 envs" in err.splitlines()[0]
+
+
 def test_the_evaluation_has_a_row_for_every_class_in_canonical_order(finished: tuple[Path, str, str]) -> None:
     run, out, _ = finished
     with (run / "eval" / "per_class.csv").open(newline="") as file:

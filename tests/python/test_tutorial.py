@@ -67,15 +67,15 @@ def test_damage_is_detected_and_classified_in_most_episodes(adaptation: dict[str
     damaged = adaptation["classes"][1:]
     assert sum(each["detected"] for each in damaged) > 0.9 * sum(each["episodes"] for each in damaged)
     assert adaptation["healthy_without_alarm"] > 0.8
-    assert adaptation["right_at_first"] > 0.9
-    assert adaptation["right_at_last"] > 0.9
+    assert adaptation["correct_first"] > 0.9
+    assert adaptation["correct_last"] > 0.9
 
 
 def test_the_adapted_robot_keeps_its_speed(adaptation: dict[str, Any]) -> None:
     assert adaptation["kept_of_oracle"] > 0.85
     assert adaptation["recovered"] > 0.8
     assert adaptation["fell"] < 0.1
-    assert adaptation["adapted_share"] > adaptation["unadapted_share"] + 0.1
+    assert adaptation["adapted_share"] > adaptation["no_adaptation_share"] + 0.1
     assert adaptation["adapted_share"] > adaptation["unaware_share"] + 0.05
 
 

@@ -209,6 +209,16 @@ def test_returned_arrays_are_copies_unless_the_user_asks_for_views(ant_table: Cl
     assert all(np.shares_memory(one, two) for one, two in zip(first[:4], second[:4], strict=True))
 
 
+def test_other_libraries_share_the_memory_of_views_through_dlpack(ant_table: ClassTable) -> None:
+    views = make(ant_table, copy=False)
+    obs, _ = views.reset()
+    shared = np.from_dlpack(obs)
+    assert np.shares_memory(shared, obs)
+    returned = views.step(np.full((3, 8), 0.5, dtype=np.float32))
+    np.testing.assert_array_equal(shared, returned[0])
+    assert all(array.__dlpack_device__() == (1, 0) for array in returned[:4])  # host memory
+
+
 def test_views_and_copies_hold_the_same_values(
     assert_identical: Callable[..., None], ant_table: ClassTable
 ) -> None:
@@ -265,7 +275,7 @@ def test_a_state_can_be_set_and_read_back(table: ClassTable, backend: str) -> No
         (np.full((3, 8), 1e300), ConfigError, "not finite"),
     ],
 )
-def test_unusable_actions_are_refused_and_leave_the_env_as_it_was(
+def test_unusable_actions_are_rejected_and_leave_the_env_as_it_was(
     assert_identical: Callable[..., None],
     ant_table: ClassTable,
     actions: Any,  # noqa: ANN401
@@ -307,7 +317,7 @@ def test_unusable_actions_are_refused_and_leave_the_env_as_it_was(
         ({"physics": "rk4"}, "compile_class_table"),
     ],
 )
-def test_unusable_settings_are_refused_with_our_own_errors(
+def test_unusable_settings_are_rejected_with_our_own_errors(
     ant_table: ClassTable, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(DappoError, match=message) as caught:
@@ -318,12 +328,12 @@ def test_unusable_settings_are_refused_with_our_own_errors(
 @pytest.mark.parametrize(
     "options", [{"severity": 0.0}, {"severity": 1.5}, {"max_damaged_limbs": 5}, {"physics": "quantum"}]
 )
-def test_unusable_class_tables_are_refused(options: dict[str, Any]) -> None:
+def test_unusable_class_tables_are_rejected(options: dict[str, Any]) -> None:
     with pytest.raises(DappoError):
         dappo_batch.make_vec("ant", 1, **options)
 
 
-def test_an_unknown_robot_is_refused_by_name(tmp_path: Path) -> None:
+def test_an_unknown_robot_is_rejected_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="centipede"):
         dappo_batch.make_vec("centipede", 1)
     with pytest.raises(DappoError, match="centipede"):
@@ -344,7 +354,7 @@ def test_an_unknown_robot_is_refused_by_name(tmp_path: Path) -> None:
         ({"reset_mask": np.zeros(3, dtype=np.bool_)}, ConfigError, "at least one env"),
     ],
 )
-def test_unusable_reset_options_are_refused(
+def test_unusable_reset_options_are_rejected(
     ant_table: ClassTable, options: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     envs = make(ant_table)
@@ -373,7 +383,7 @@ def test_every_argument_is_described_and_has_a_default(options: type[dappo_batch
     assert completed("make_vec", {}, options).keys() == dappo_batch.VectorEnvOptions.__annotations__.keys()
 
 
-def test_stepping_before_the_first_reset_is_refused(ant_table: ClassTable) -> None:
+def test_stepping_before_the_first_reset_is_rejected(ant_table: ClassTable) -> None:
     envs = make(ant_table)
     with pytest.raises(ResetNeeded):
         envs.step(np.zeros((3, 8), dtype=np.float32))

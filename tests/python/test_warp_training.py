@@ -15,6 +15,8 @@ import pytest
 
 pytest.importorskip("warp", reason="needs the extra `gpu`: pip install dappo-batch[gpu]")
 
+import warp as wp
+
 import dappo_batch
 from dappo_batch import ConfigError, SimulationError, devices
 from dappo_batch._core import run_cli
@@ -119,6 +121,21 @@ def stand_up(**sizes: int) -> None:
         envs.close()
 
 
+def test_views_of_an_env_of_a_device_are_host_memory_that_warp_shares_through_dlpack() -> None:
+    envs = dappo_batch.make_vec(
+        "ant", 2, device="warp-cpu", physics="euler", max_damaged_limbs=0, seed=0, copy=False
+    )
+    try:
+        obs, _ = envs.reset()
+        shared = wp.from_dlpack(obs)
+        assert (shared.shape, shared.dtype, shared.ptr) == (obs.shape, wp.float32, obs.ctypes.data)
+        new = envs.step(np.full((2, 8), 0.5, np.float32))[0]
+        np.testing.assert_array_equal(shared.numpy(), new)
+        assert new.__dlpack_device__() == (1, 0)
+    finally:
+        envs.close()
+
+
 def test_an_env_accepts_the_size_in_its_error() -> None:
     with pytest.raises(SimulationError, match=r"\(NEFC; njmax = 2\).*--njmax 4, or njmax=4 in Python"):
         stand_up(njmax=2)
@@ -129,7 +146,7 @@ def test_an_env_accepts_the_size_in_its_error() -> None:
 
 @pytest.mark.parametrize("name", ["njmax", "nconmax"])
 @pytest.mark.parametrize("value", [0, -1, 2**31, 1.5, "many"])
-def test_a_size_that_is_none_is_refused(name: str, value: object) -> None:
+def test_a_size_that_is_none_is_rejected(name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=f"{name} must be"):
         dappo_batch.make_vec("ant", 1, max_damaged_limbs=0, **{name: value})  # type: ignore[arg-type]
 
@@ -176,7 +193,7 @@ def test_sizes_of_a_training_are_flags_too(finished: Path, tmp_path: Path) -> No
     assert resumed.config["env"]["nconmax"] == 78
 
 
-def test_a_checkpoint_of_another_device_is_refused(finished: Path, tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_device_is_rejected(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)
     config = run / "config.toml"

@@ -22,7 +22,7 @@ def collect_pairs(
     rollouts: int,
     timesteps: int,
     preset: str | None = None,
-    walker: Folder | None = None,
+    policy: Folder | None = None,
     seed: int = 0,
     shard: str | None = None,
     robot_changed: RobotChanged | None = None,
@@ -42,7 +42,7 @@ def collect_pairs(
         Recorded steps of a rollout.
     preset
         ``paper``, ``runtime`` or ``residual``: onset of the damage, and kind of twin.
-    walker
+    policy
         Run folder of another policy that controls the robots until the damage is suspected.
     seed
         Seed of the rollouts.
@@ -66,7 +66,7 @@ def collect_pairs(
         "rollouts": rollouts,
         "timesteps": timesteps,
         "preset": preset,
-        "walker": walker,
+        "policy": policy,
         "seed": seed,
         "shard": shard,
         "robot_changed": robot_changed,

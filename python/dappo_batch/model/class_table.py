@@ -60,12 +60,12 @@ class ClassTable:
     robot : Robot
         The robot.
     space : DamageSpace
-        The damage classes; a class id is an index into `models` and `muted_touch`.
+        The damage classes; a class id is an index into `models` and `disabled_touch`.
     severity : float
         Severity of all damage, in (0, 1].
     models : tuple of mujoco.MjModel
         One model per class, [D].
-    muted_touch : tuple of tuple of int
+    disabled_touch : tuple of tuple of int
         Per class, the limbs whose touch sensor is disabled: it reads 0.
     limb_bodies : tuple of tuple of int
         Per limb, the ids of its bodies.
@@ -81,7 +81,7 @@ class ClassTable:
     space: DamageSpace
     severity: float
     models: tuple[mujoco.MjModel, ...]
-    muted_touch: tuple[tuple[int, ...], ...]
+    disabled_touch: tuple[tuple[int, ...], ...]
     limb_bodies: tuple[tuple[int, ...], ...]
     touch_addresses: tuple[int, ...]
     main_body: int
@@ -172,7 +172,7 @@ def compile_class_table(
         space=space,
         severity=float(severity),
         models=models,
-        muted_touch=tuple(
+        disabled_touch=tuple(
             tuple(limb for limb, name in item.damages if kinds[name].mutes_touch) for item in space.classes
         ),
         limb_bodies=parts.limb_bodies,

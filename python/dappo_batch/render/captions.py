@@ -83,7 +83,7 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
     count
         Number of states.
     """
-    found, adapted, lost, texts = "no damage suspected", "", False, []
+    found, adapted, invalid, texts = "no damage suspected", "", False, []
     waiting = list(events)
     for step in range(count):
         while waiting and waiting[0].step <= step:
@@ -91,7 +91,7 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
             name = "" if event.damage_class is None else readable(names[event.damage_class], limbs)
             match event.kind:
                 case "suspected":
-                    found, adapted = "damage suspected, examining", ""
+                    found, adapted = "damage suspected, diagnosing", ""
                 case "diagnosed":
                     word = "diagnosed as" if event.accepted else "no diagnosis:"
                     sure = f"confidence {100 * (event.confidence or 0.0):.0f} %"
@@ -100,9 +100,9 @@ def findings(events: Sequence[Event], names: Sequence[str], limbs: Sequence[str]
                     found, adapted = f"diagnosis withdrawn: {name}", ""
                 case "adapted":
                     adapted = ", policy adapted" if event.damage_class else ", policy reset to healthy"
-                case "readings_lost" | "readings_back":
-                    lost = event.kind == "readings_lost"
-        texts.append(f"{found}{adapted}{', observations lost' if lost else ''}")
+                case "observation_invalid" | "observation_valid":
+                    invalid = event.kind == "observation_invalid"
+        texts.append(f"{found}{adapted}{', observation invalid' if invalid else ''}")
     return texts
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import IO
 
 import numpy as np
@@ -25,6 +26,8 @@ INSTALL = {
 """Commands that install OpenGL implementations without a screen."""
 PAINTER = ("-m", "dappo_batch.render.painter")
 """Module of the drawing process."""
+_MOST_PAINTERS = 4
+_PICTURES_EACH = 20  # a process takes as long to start as it takes for several pictures
 
 
 def choices() -> list[str]:
@@ -44,21 +47,57 @@ def draw(scene: Scene) -> Iterator[NDArray[np.uint8]]:
     RenderError
         If no OpenGL implementation works, or it fails while drawing.
     """
+    count = max(1, min(_cores(), _MOST_PAINTERS, len(scene.qpos) // _PICTURES_EACH))
     reasons = {}
     for choice in choices():
-        with tempfile.TemporaryFile() as complaints, start(choice, complaints) as painter:
+        with contextlib.ExitStack() as stack:
+            painters = [_Painter(choice, stack) for _ in range(count)]
             try:
-                yield from _pictures(painter, scene)
+                yield from _pictures(painters, scene)
                 return
             except _Silent as silent:
-                painter.wait()
-                reason = last_line(complaints) or f"exit code {painter.returncode}"
+                reason = silent.painter.reason()
                 if silent.drawn > 0:
                     raise failed(choice, f"after {silent.drawn} pictures: {reason}") from None
                 reasons[choice or "OpenGL"] = reason
-            finally:
-                painter.kill()
     raise none_works(reasons)
+
+
+def _cores() -> int:
+    """Return the number of cores that this process may use."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class _Painter:
+    """A drawing process, which ends with the stack, and what it wrote to its standard error."""
+
+    def __init__(self, choice: str, stack: contextlib.ExitStack) -> None:
+        self._complaints: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
+        stack.callback(self._complaints.close)
+        self._process = stack.enter_context(start(choice, self._complaints))
+        stack.callback(self._process.kill)
+
+    def send(self, scene: Scene) -> bool:
+        """Send what to draw; false if the process has ended."""
+        assert self._process.stdin is not None
+        try:
+            with self._process.stdin as pipe:
+                pickle.dump(scene, pipe)
+        except BrokenPipeError:
+            return False
+        return True
+
+    def read(self, size: int) -> bytes:
+        """Read a picture of this many bytes; fewer if the process has ended."""
+        assert self._process.stdout is not None
+        return self._process.stdout.read(size)
+
+    def reason(self) -> str:
+        """Wait for the end of the process, and return why it ended."""
+        self._process.wait()
+        return last_line(self._complaints) or f"exit code {self._process.returncode}"
 
 
 def none_works(reasons: Mapping[str, str]) -> RenderError:
@@ -79,8 +118,8 @@ def failed(choice: str, reason: str) -> RenderError:
 class _Silent(Exception):
     """The drawing process ended before all pictures were drawn."""
 
-    def __init__(self, drawn: int) -> None:
-        self.drawn = drawn
+    def __init__(self, painter: _Painter, drawn: int) -> None:
+        self.painter, self.drawn = painter, drawn
 
 
 def start(choice: str, complaints: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -99,19 +138,17 @@ def start(choice: str, complaints: IO[bytes]) -> subprocess.Popen[bytes]:
     )
 
 
-def _pictures(painter: subprocess.Popen[bytes], scene: Scene) -> Iterator[NDArray[np.uint8]]:
-    assert painter.stdin is not None
-    assert painter.stdout is not None
-    try:
-        with painter.stdin as pipe:
-            pickle.dump(scene, pipe)
-    except BrokenPipeError:
-        raise _Silent(0) from None
+def _pictures(painters: Sequence[_Painter], scene: Scene) -> Iterator[NDArray[np.uint8]]:
+    """Draw a scene with several processes, which take turns."""
+    for first, painter in enumerate(painters):
+        if not painter.send(scene.every(len(painters), first)):
+            raise _Silent(painter, 0)
     size = scene.height * scene.width * 3
     for drawn in range(len(scene.qpos)):
-        content = painter.stdout.read(size)
+        painter = painters[drawn % len(painters)]
+        content = painter.read(size)
         if len(content) < size:
-            raise _Silent(drawn)
+            raise _Silent(painter, drawn)
         yield np.frombuffer(content, np.uint8).reshape(scene.height, scene.width, 3)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dappo_batch.render.camera import View
 from dappo_batch.render.live import Live, Pose
-from dappo_batch.render.scene import Scene, copy_class
+from dappo_batch.render.scene import Scene, bring_lights, copy_class
 
 __all__ = ["main", "paint", "reduced"]
 
@@ -33,7 +33,7 @@ def paint(scene: Scene) -> Iterator[NDArray[np.uint8]]:
     for damage_class, qpos, lookat in zip(scene.damage_classes, scene.qpos, scene.view.lookat, strict=True):
         canvas = canvases[damage_class]
         canvas.pose(qpos)
-        yield canvas.draw(lookat, scene.view.lookat[0])
+        yield canvas.draw(lookat, scene.start)
 
 
 def paint_live(live: Live, poses: Iterator[Pose]) -> Iterator[NDArray[np.uint8]]:
@@ -77,25 +77,10 @@ class _Canvas:
     def draw(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Draw what the camera sees when it looks at a place, having begun at another."""
         self._camera.lookat[:] = lookat
-        self._bring_lights(lookat, start)
+        bring_lights(self._model, self.data, self._view, lookat, start)
         self._renderer.update_scene(self.data, self._camera)
         frame: NDArray[np.uint8] = self._renderer.render()
         return reduced(frame) if self._is_larger else frame
-
-    def _bring_lights(self, lookat: NDArray[np.float64], start: NDArray[np.float64]) -> None:
-        """Move the lights of the world with the robot, on an infinite floor.
-
-        Those at a distance must follow: MuJoCo draws their shadows only in front of where they stand.
-        """
-        model, data = self._model, self.data
-        for light in range(model.nlight):
-            if model.light_type[light] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-                data.light_xpos[light] = lookat - self._view.distance * data.light_xdir[light]
-            elif (
-                model.light_bodyid[light] == 0
-                and model.light_mode[light] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
-            ):
-                data.light_xpos[light, :2] += lookat[:2] - start[:2]
 
 
 def reduced(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:

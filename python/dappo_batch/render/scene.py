@@ -15,7 +15,7 @@ from dappo_batch.render.camera import AUTO, View, view
 from dappo_batch.render.scenery import FLOOR, has_pattern, with_scenery
 from dappo_batch.render.walk import Walk
 
-__all__ = ["RED", "Scene", "coloured_models", "copy_class", "fit", "painted", "scene"]
+__all__ = ["RED", "Scene", "bring_lights", "coloured_models", "copy_class", "fit", "painted", "scene"]
 
 RED = (0.85, 0.16, 0.12, 1.0)
 _LIMB = (0.36, 0.45, 0.55, 1.0)
@@ -45,6 +45,8 @@ class Scene:
         Positions of every frame, [F, nq].
     view : View
         The camera, with one place for every frame.
+    start : numpy.ndarray
+        Where the camera looks in the first frame of the film, [3].
     width, height : int
         Size of a frame.
     """
@@ -53,8 +55,15 @@ class Scene:
     damage_classes: list[int]
     qpos: NDArray[np.float64]
     view: View
+    start: NDArray[np.float64]
     width: int
     height: int
+
+    def every(self, step: int, first: int) -> Scene:
+        """Return the scene of every `step`-th frame from the frame `first` on."""
+        chosen = slice(first, None, step)
+        camera = replace(self.view, lookat=self.view.lookat[chosen])
+        return replace(self, damage_classes=self.damage_classes[chosen], qpos=self.qpos[chosen], view=camera)
 
 
 def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: str = AUTO) -> Scene:
@@ -73,7 +82,7 @@ def scene(walk: Walk, states: Sequence[int], width: int, height: int, camera: st
     for model in models.values():
         fit(model, seen)
     chosen = replace(seen, lookat=seen.lookat[list(states)])
-    return Scene(models, classes, walk.states[list(states)], chosen, width, height)
+    return Scene(models, classes, walk.states[list(states)], chosen, chosen.lookat[0], width, height)
 
 
 def fit(model: mujoco.MjModel, seen: View) -> None:
@@ -98,6 +107,26 @@ def _turn_lights(model: mujoco.MjModel, azimuth: float) -> None:
         if model.light_bodyid[light] == 0 and model.light_mode[light] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED:
             direction = model.light_dir[light]
             direction[:2] = np.hypot(*direction[:2]) * ahead
+
+
+def bring_lights(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    seen: View,
+    lookat: NDArray[np.float64],
+    start: NDArray[np.float64],
+) -> None:
+    """Move the lights of the world with a camera, from where it looked at the start to where it looks.
+
+    Those at a distance must follow: MuJoCo draws their shadows only in front of where they stand.
+    """
+    for light in range(model.nlight):
+        if model.light_type[light] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
+            data.light_xpos[light] = lookat - seen.distance * data.light_xdir[light]
+        elif (
+            model.light_bodyid[light] == 0 and model.light_mode[light] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+        ):
+            data.light_xpos[light, :2] += lookat[:2] - start[:2]
 
 
 def coloured_models(table: ClassTable, classes: Sequence[int]) -> dict[int, mujoco.MjModel]:

@@ -13,7 +13,7 @@ from dappo_batch.render.camera import AUTO, check_camera
 from dappo_batch.render.camera import view as camera_of
 from dappo_batch.render.captions import Caption, captions
 from dappo_batch.render.errors import RenderError
-from dappo_batch.render.scene import coloured_models, copy_class
+from dappo_batch.render.scene import bring_lights, coloured_models, copy_class, fit
 from dappo_batch.render.walk import Walk, of_walk
 
 __all__ = ["check_screen", "view"]
@@ -63,10 +63,12 @@ def view(walk: Walk, camera: str = AUTO) -> None:
 
     classes, said = walk.damage_classes.tolist(), captions(walk)
     models = coloured_models(walk.table, classes)
+    start = camera_of(walk.table, walk.states, walk.step_seconds, camera=camera, damage_class=classes[-1])
+    for each in models.values():
+        fit(each, start)
     shown, model = classes[0], copy.copy(models[classes[0]])
     data = mujoco.MjData(model)
     data.qpos[:] = walk.states[0]
-    start = camera_of(walk.table, walk.states, walk.step_seconds, camera=camera, damage_class=classes[-1])
     with viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid = walk.table.main_body
@@ -75,7 +77,9 @@ def view(walk: Walk, camera: str = AUTO) -> None:
         window.cam.azimuth, window.cam.elevation = start.azimuth, start.elevation
         window.cam.distance = start.distance
         while window.is_running():
-            for state, damage_class, caption in zip(walk.states, classes, said, strict=True):
+            for state, lookat, damage_class, caption in zip(
+                walk.states, start.lookat, classes, said, strict=True
+            ):
                 if not window.is_running():
                     return
                 begin = time.perf_counter()
@@ -85,6 +89,7 @@ def view(walk: Walk, camera: str = AUTO) -> None:
                         shown = damage_class
                     data.qpos[:] = state
                     mujoco.mj_forward(model, data)
+                    bring_lights(model, data, start, lookat, start.lookat[0])
                 window.set_texts((None, None, _plain(caption), None))
                 window.sync()
                 time.sleep(max(0.0, walk.step_seconds - (time.perf_counter() - begin)))

@@ -16,8 +16,8 @@ __all__ = ["episodes", "outcomes"]
 
 _COUNTED = {
     "detected": "detected",
-    "right_at_first": "first diagnosis correct",
-    "right_at_last": "correct class at the end",
+    "correct_first": "first diagnosis correct",
+    "correct_last": "correct class at the end",
     "recovered": "recovered",
 }
 """Columns that count episodes of damaged robots, with their headings."""

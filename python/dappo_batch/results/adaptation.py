@@ -47,7 +47,7 @@ class ClassOutcome(Result):
     ----------
     damage_class, name
         The class.
-    episodes, ended_before : int
+    episodes, ended_before_onset : int
         Episodes that reached the onset, and episodes that ended before it, which are not counted anywhere
         else.
     false_alarms : int
@@ -56,11 +56,11 @@ class ClassOutcome(Result):
         Episodes with a suspicion after the onset.
     median_delay, median_recovery : float or None
         Env steps from the onset to the suspicion, and to the recovery, over the episodes that had one.
-    right_at_first, right_at_last : int
+    correct_first, correct_last : int
         Episodes whose first diagnosis was correct, and episodes whose assumed class was correct at the end.
     assumed : tuple of AssumedClass
         The assumed classes at the end of the episodes, the most frequent first.
-    examinations : float
+    diagnosis_windows : float
         Mean number of diagnosis windows of an episode.
     recovered : int
         Episodes in which damage was diagnosed after the onset and the robot neither fell nor stood still and
@@ -71,7 +71,7 @@ class ClassOutcome(Result):
     velocity_before, velocity_kept, oracle_velocity_kept : float or None
         Forward velocity before the onset, over the last 200 env steps, and that of the oracle over the last
         200, m/s. It is 0 after a fall, and None for the oracle if the policy was not trained on the damage.
-    adapted, oracle, unadapted, unaware : float or None
+    adapted, oracle, no_adaptation, unaware : float or None
         Forward reward of the controller; of the oracle, if the policy was trained on the damage; of the
         policy without adaptation; and of PPO-Unaware, if it was given.
     """
@@ -79,14 +79,14 @@ class ClassOutcome(Result):
     damage_class: int
     name: str
     episodes: int
-    ended_before: int
+    ended_before_onset: int
     false_alarms: int
     detected: int
     median_delay: float | None
-    right_at_first: int
-    right_at_last: int
+    correct_first: int
+    correct_last: int
     assumed: tuple[AssumedClass, ...]
-    examinations: float | None
+    diagnosis_windows: float | None
     recovered: int
     median_recovery: float | None
     falls: int
@@ -96,7 +96,7 @@ class ClassOutcome(Result):
     oracle_velocity_kept: float | None
     adapted: float | None
     oracle: float | None
-    unadapted: float | None
+    no_adaptation: float | None
     unaware: float | None
 
 
@@ -124,7 +124,7 @@ class AdaptationSummary(Result):
         Episodes with damage that reduces the speed by more than half without adaptation.
     severe_detected, severe_median_delay : float or None
         Share of them with a suspicion after the onset, and the median number of env steps until then.
-    right_at_first, right_at_last : float or None
+    correct_first, correct_last : float or None
         Shares of the damaged episodes whose first diagnosis was correct, and whose assumed class was correct
         at the end.
     recovered, stood_still, fell : float or None
@@ -133,7 +133,7 @@ class AdaptationSummary(Result):
     kept_of_oracle, kept_of_healthy : float or None
         Forward velocity over the last 200 env steps as a share of the oracle's, and of that before the onset,
         over damage that the policy was trained on.
-    adapted_share, unadapted_share, unaware_share : float or None
+    adapted_share, no_adaptation_share, unaware_share : float or None
         Forward reward as a share of the oracle's, over damage that the policy was trained on: of the
         controller, of the policy without adaptation, and of PPO-Unaware.
     decision_ms : DecisionTime
@@ -145,15 +145,15 @@ class AdaptationSummary(Result):
     severe_episodes: int
     severe_detected: float | None
     severe_median_delay: float | None
-    right_at_first: float | None
-    right_at_last: float | None
+    correct_first: float | None
+    correct_last: float | None
     recovered: float | None
     stood_still: float | None
     fell: float | None
     kept_of_oracle: float | None
     kept_of_healthy: float | None
     adapted_share: float | None
-    unadapted_share: float | None
+    no_adaptation_share: float | None
     unaware_share: float | None
     decision_ms: DecisionTime
 
@@ -177,7 +177,8 @@ class Event:
     Attributes
     ----------
     kind : str
-        ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``readings_lost`` or ``readings_back``.
+        ``suspected``, ``diagnosed``, ``adapted``, ``withdrawn``, ``observation_invalid`` or
+        ``observation_valid``.
     step : int
         Control steps since the reset of the robot.
     robot : int
@@ -197,8 +198,8 @@ class Event:
         (``withdrawn``).
     healthy : float
         Median residual of the healthy twin (``withdrawn``).
-    faults : int
-        Entries of the observation that are not finite (``readings_lost``).
+    entries : int
+        Number of entries of the observation that are not finite (``observation_invalid``).
     """
 
     kind: str
@@ -211,7 +212,7 @@ class Event:
     expected: float | None = None
     residual: float | None = None
     healthy: float | None = None
-    faults: int | None = None
+    entries: int | None = None
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Event:
@@ -238,5 +239,5 @@ class Event:
             expected=entry(found, "expected", float, what),
             residual=entry(found, "residual", float, what),
             healthy=entry(found, "healthy", float, what),
-            faults=entry(found, "faults", int, what),
+            entries=entry(found, "entries", int, what),
         )

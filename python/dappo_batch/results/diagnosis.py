@@ -70,14 +70,14 @@ class DiagnosisSummary(Result):
 
 @dataclass(frozen=True)
 class Mistake(Result):
-    """A misclassification of `damage_class` as `named`.
+    """A misclassification of `damage_class` as `diagnosed`.
 
     ``share`` is its share of the windows of the class; ``true_reward`` and ``mistaken_reward`` are the
     forward rewards of the policy with the code of the true and of the diagnosed class.
     """
 
     damage_class: str
-    named: str
+    diagnosed: str
     share: float
     true_reward: float
     mistaken_reward: float

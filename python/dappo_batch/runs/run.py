@@ -19,7 +19,15 @@ __all__ = ["Run", "load_run"]
 
 _PER_CLASS = ("class", "name", "group", "forward_reward")
 _GROUPS = ("group", "classes", "forward_reward")
-_ADAPTATION = ("class", "name", "adapted", "oracle", "unadapted")
+_ADAPTATION = ("class", "name", "adapted", "oracle", "no_adaptation")
+_EARLIER_ADAPTATION = {
+    "ended_before": "ended_before_onset",
+    "right_at_first": "correct_first",
+    "right_at_last": "correct_last",
+    "examinations": "diagnosis_windows",
+    "unadapted": "no_adaptation",
+}
+"""Columns as earlier versions named them."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,7 @@ def load_run(path: str | bytes | PathLike[str]) -> Run:
         metrics=columns(read_lines(folder / "metrics.jsonl")),
         per_class=_evaluations(folder, "per_class", _PER_CLASS),
         groups=_evaluations(folder, "groups", _GROUPS),
-        adaptation=_optional(folder / "eval" / "adapt.csv", _ADAPTATION),
+        adaptation=_optional(folder / "eval" / "adapt.csv", _ADAPTATION, _EARLIER_ADAPTATION),
     )
 
 
@@ -134,13 +142,13 @@ def _config(folder: Path) -> dict[str, Any]:
         raise ConfigError(f"{folder} is not a folder; expected a run folder of `dappo-batch train`")
     path = folder / "config.toml"
     if not path.exists():
-        raise ConfigError(f"{folder} is no run folder: it has no config.toml")
+        raise ConfigError(f"{folder} is not a run folder: it has no config.toml")
     config = read_toml(path)
     lacking = [key for key in ("robot", "seed", "total_steps", "env", "ppo") if key not in config]
     if not lacking and not (isinstance(config["env"], dict) and "observe_damage" in config["env"]):
         lacking = ["env.observe_damage"]
     if lacking:
-        raise ConfigError(f"{folder} is no run folder: its config.toml has no {', '.join(lacking)}")
+        raise ConfigError(f"{folder} is not a run folder: its config.toml has no {', '.join(lacking)}")
     return config
 
 
@@ -172,5 +180,7 @@ def _evaluations(folder: Path, name: str, required: tuple[str, ...]) -> dict[str
     return found
 
 
-def _optional(path: Path, required: tuple[str, ...]) -> Table | None:
-    return read_csv(path, required) if path.exists() else None
+def _optional(
+    path: Path, required: tuple[str, ...], earlier: Mapping[str, str] | None = None
+) -> Table | None:
+    return read_csv(path, required, earlier) if path.exists() else None

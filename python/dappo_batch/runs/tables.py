@@ -56,7 +56,7 @@ def read_text(path: Path, errors: str = "strict") -> str:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
 
 
-def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
+def read_csv(path: Path, required: Sequence[str] = (), earlier: Mapping[str, str] | None = None) -> Table:
     """Read a table with a header.
 
     Parameters
@@ -65,6 +65,8 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
         The file.
     required : sequence of str
         Columns that it must have.
+    earlier : mapping from str to str, optional
+        Names that earlier versions wrote, and today's names of the same columns.
 
     Returns
     -------
@@ -84,6 +86,7 @@ def read_csv(path: Path, required: Sequence[str] = ()) -> Table:
         raise CheckpointError(f"{path} cannot be read: {error}") from error
     except ValueError as error:
         raise CheckpointError(f"{path} is empty, expected a table with a header") from error
+    header = [(earlier or {}).get(name, name) for name in header]
     for number, row in enumerate(rows, start=2):
         if len(row) != len(header):
             raise CheckpointError(

@@ -99,9 +99,7 @@ impl Default for DiagnoserConfig {
 impl DiagnoserConfig {
     /// The defaults with these settings laid over them, later ones over earlier ones.
     pub fn with(settings: &[Assignment]) -> Result<Self> {
-        let mut layers = Layers::default();
-        layers.assign(settings)?;
-        let config: Self = layers.typed()?;
+        let config: Self = Layers::of(settings)?.typed()?;
         config.check()?;
         Ok(config)
     }
@@ -209,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_configuration_reads_back_from_toml_and_unknown_keys_are_refused() {
+    fn a_configuration_reads_back_from_toml_and_unknown_keys_are_rejected() {
         let config = DiagnoserConfig {
             rollouts: Some(1000),
             schedule: Schedule::Cosine,
@@ -225,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_outside_their_range_are_refused_by_name() {
+    fn settings_outside_their_range_are_rejected_by_name() {
         let refuse = |config: DiagnoserConfig| config.check().unwrap_err().to_string();
         let paper = DiagnoserConfig::default;
         let message = refuse(DiagnoserConfig { dropout: 1.0, ..paper() });

@@ -15,7 +15,7 @@ pub struct Mistake {
     /// The true class.
     pub class: String,
     /// The diagnosed class.
-    pub named: String,
+    pub diagnosed: String,
     /// Share of the windows of the true class, 0 to 1.
     pub share: f64,
     /// Forward reward of the policy with the code of the true class: mean over episodes of Σ forward velocity, m/s.
@@ -55,10 +55,10 @@ pub fn cost(
             names.len()
         )));
     }
-    let made = |class: usize, named: usize| class == named || report.share(class, named) > 0.0;
+    let made = |class: usize, diagnosed: usize| class == diagnosed || report.share(class, diagnosed) > 0.0;
     let pairs: Vec<(usize, usize)> = (0..names.len())
-        .flat_map(|class| (0..names.len()).map(move |named| (class, named)))
-        .filter(|&(class, named)| made(class, named))
+        .flat_map(|class| (0..names.len()).map(move |diagnosed| (class, diagnosed)))
+        .filter(|&(class, diagnosed)| made(class, diagnosed))
         .collect();
     let Some(rewards) = rewards(policy, config, &pairs, factory, stop)? else { return Ok(None) };
     let truth: Vec<f64> = (0..names.len())
@@ -67,11 +67,11 @@ pub fn cost(
     let mut mistakes: Vec<Mistake> = pairs
         .iter()
         .zip(&rewards)
-        .filter(|((class, named), _)| class != named)
-        .map(|(&(class, named), &mistaken_reward)| Mistake {
+        .filter(|((class, diagnosed), _)| class != diagnosed)
+        .map(|(&(class, diagnosed), &mistaken_reward)| Mistake {
             class: names[class].clone(),
-            named: names[named].clone(),
-            share: report.share(class, named),
+            diagnosed: names[diagnosed].clone(),
+            share: report.share(class, diagnosed),
             true_reward: truth[class],
             mistaken_reward,
         })

@@ -8,7 +8,7 @@
 //!               └── evaluate: confusion, accuracy, calibration; cost: what mistakes do to the walk
 //! sweep: many trainings over one dataset, and the paper's Table 1
 //!
-//! controller: one trial, no reset: suspicion, examination by the diagnoser, the policy with another damage code
+//! controller: one trial, no reset: suspicion, diagnosis window, diagnosis, the policy with another damage code
 //!   └── adapt: mid-episode damage, compared with policies of fixed codes
 //! export: a policy or all that a controller needs in one folder, with ONNX
 //! ```

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_that_lack_what_a_method_needs_are_refused_by_name() {
+    fn windows_that_lack_what_a_method_needs_are_rejected_by_name() {
         let lacking = Window { twin: vec![1.0], actions: Vec::new(), ..window() };
         let refuse = |method: Method| {
             let mut out = vec![0.0; 2 * method.input_dim(2, 1)];

@@ -238,7 +238,7 @@ impl Report {
     #[must_use]
     pub fn confusion_table(&self) -> String {
         let columns: Vec<&str> =
-            std::iter::once("true\\named").chain(self.class_names.iter().map(String::as_str)).collect();
+            std::iter::once("true\\diagnosed").chain(self.class_names.iter().map(String::as_str)).collect();
         let row = |(class, name): (usize, &String)| {
             std::iter::once(name.clone()).chain(self.row(class).iter().map(ToString::to_string)).collect()
         };
@@ -340,7 +340,10 @@ mod tests {
     #[test]
     fn the_tables_are_csv_with_a_header() {
         let report = report();
-        assert_eq!(report.confusion_table(), "true\\named,healthy,a,b\nhealthy,2,0,0\na,1,1,0\nb,1,0,1\n");
+        assert_eq!(
+            report.confusion_table(),
+            "true\\diagnosed,healthy,a,b\nhealthy,2,0,0\na,1,1,0\nb,1,0,1\n"
+        );
         let table = report.class_table();
         assert_eq!(table.lines().nth(3).unwrap(), "2,b,true,2,0.5000,0.5000,healthy");
         assert_eq!(table.lines().nth(1).unwrap(), "0,healthy,false,2,1.0000,0.0000,");

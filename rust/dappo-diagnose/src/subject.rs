@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_that_do_not_tell_classes_apart_are_refused() {
+    fn tables_that_do_not_tell_classes_apart_are_rejected() {
         let refuse = |change: fn(&mut Subject)| {
             let mut subject = two_limbs();
             change(&mut subject);

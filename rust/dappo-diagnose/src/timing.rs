@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_with_exchanged_ends_are_refused() {
+    fn ranges_with_exchanged_ends_are_rejected() {
         let timing = Timing { onset: Span::default(), delay: Span { first: 2, last: 1 } };
         assert!(timing.check().unwrap_err().to_string().starts_with("delay is 2 to 1"));
     }

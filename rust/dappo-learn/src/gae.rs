@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_discount_of_one_is_refused() {
+    fn a_discount_of_one_is_rejected() {
         let message = gae(&rollout(), 1.0, 0.8).unwrap_err().to_string();
         assert_eq!(message, "gamma is 1, expected a number in [0, 1)");
     }

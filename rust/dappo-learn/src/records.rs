@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_do_not_hold_the_numbers_of_their_sizes_are_refused_before_memory_is_taken() {
+    fn files_that_do_not_hold_the_numbers_of_their_sizes_are_rejected_before_memory_is_taken() {
         let scratch = Scratch::new();
         save_module(&fresh(), &scratch.0.join("net")).unwrap();
         read_numbers(scratch.0.as_path(), "net", Some(8)).unwrap();

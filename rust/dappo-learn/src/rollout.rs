@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_lengths_late_steps_and_non_finite_rewards_are_refused_by_name() {
+    fn wrong_lengths_late_steps_and_non_finite_rewards_are_rejected_by_name() {
         let mut rollout = Rollout::new(3, 2, 1, InputTransform::new(2, 0, 1.0).unwrap());
         let message = rollout.record_decision(0, &[1.0], &decision(2, 1)).unwrap_err().to_string();
         assert_eq!(message, "obs [N, O] has 1 elements, expected 4");

@@ -77,7 +77,7 @@ impl RunFolder {
         let path = run.config_path();
         if !path.exists() {
             return Err(LearnError::Invalid(format!(
-                "{} is no run folder: it has no config.toml; `dappo-batch train` makes one",
+                "{} is not a run folder: it has no config.toml; `dappo-batch train` makes one",
                 root.display()
             )));
         }

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn observations_of_another_length_and_too_little_noise_are_refused() {
+    fn observations_of_another_length_and_too_little_noise_are_rejected() {
         let (networks, normalizer) = networks();
         let frozen = networks.frozen(&normalizer).unwrap();
         assert!(frozen.act(&OBS, &NOISE[..2]).is_err());

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_another_length_and_scales_that_are_not_finite_are_refused() {
+    fn rows_of_another_length_and_scales_that_are_not_finite_are_rejected() {
         assert!(InputTransform::new(2, 1, 4.0).unwrap().apply(&[0.0; 4]).is_err());
         assert!(InputTransform::new(2, 1, f32::NAN).is_err());
     }

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn statistics_that_no_observations_have_are_refused() {
+    fn statistics_that_no_observations_have_are_rejected() {
         let mut normalizer = Normalizer::new(3, 1).unwrap();
         normalizer.update(&rows()).unwrap();
         normalizer.check().unwrap();
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn observations_that_are_not_finite_are_refused_and_change_nothing() {
+    fn observations_that_are_not_finite_are_rejected_and_change_nothing() {
         let mut normalizer = Normalizer::new(2, 0).unwrap();
         normalizer.update(&[1.0, 2.0]).unwrap();
         let before = normalizer.clone();

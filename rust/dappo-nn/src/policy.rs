@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_of_another_width_are_refused_and_untrained_policies_are_known() {
+    fn layers_of_another_width_are_rejected_and_untrained_policies_are_known() {
         let net = policy().net().clone();
         let wrong =
             Policy::new(net.clone(), InputTransform::new(3, 3, 1.0).unwrap()).unwrap_err().to_string();

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn records_lie_within_their_sizes_and_sizes_that_cannot_be_counted_are_refused() {
+    fn records_lie_within_their_sizes_and_sizes_that_cannot_be_counted_are_rejected() {
         let ([record, moments], net) = trained();
         let [fewest, most] = module_size(Some(8)).unwrap();
         assert!((fewest..=most).contains(&(record.len() as u64)));
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_bytes_a_record_has_it_is_used_or_refused() {
+    fn whatever_bytes_a_record_has_it_is_used_or_rejected() {
         let (records, _) = trained();
         let (mut used, mut refused) = (0, 0);
         for (which, whole) in records.iter().enumerate() {
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_that_do_not_fit_their_parameters_are_refused() {
+    fn moments_that_do_not_fit_their_parameters_are_rejected() {
         let parameters = [(7, vec![2, 3])];
         let moment = |name: &str, shape: &[usize]| Array {
             name: format!("7.momentum.{name}"),

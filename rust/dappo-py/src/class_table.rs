@@ -89,9 +89,9 @@ impl<'py> ClassTable<'py> {
 
     /// The compiled robot of the lane engine, or why it cannot be.
     fn compile_lanes(&self) -> PyResult<Result<LaneTable, SimError>> {
-        let (arrays, muted_touch) = (self.arrays()?, self.muted_touch()?);
+        let (arrays, disabled_touch) = (self.arrays()?, self.disabled_touch()?);
         let Layout { main_body, touch_addresses, .. } = &self.layout;
-        Ok(LaneTable::compile(&arrays, *main_body, touch_addresses, muted_touch))
+        Ok(LaneTable::compile(&arrays, *main_body, touch_addresses, disabled_touch))
     }
 
     /// A backend over this table; `lanes` is what [`lane_table`](Self::lane_table) made of it.
@@ -161,10 +161,10 @@ impl<'py> ClassTable<'py> {
     }
 
     /// The limbs whose touch signal each class mutes.
-    fn muted_touch(&self) -> PyResult<Vec<Vec<bool>>> {
-        let muted: Vec<Vec<usize>> = self.object.getattr("muted_touch")?.extract()?;
+    fn disabled_touch(&self) -> PyResult<Vec<Vec<bool>>> {
+        let disabled: Vec<Vec<usize>> = self.object.getattr("disabled_touch")?.extract()?;
         let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();
-        Ok(muted.iter().map(mask).collect())
+        Ok(disabled.iter().map(mask).collect())
     }
 
     fn model_table(&self) -> PyResult<ModelTable> {
@@ -177,7 +177,7 @@ impl<'py> ClassTable<'py> {
         // SAFETY: `_address` is the mjModel of each live Python model, kept alive by the table; the table has
         // checked that all models have equal sizes.
         let table = unsafe {
-            ModelTable::new(&addresses, self.muted_touch()?, spec, Box::new(self.object.clone().unbind()))
+            ModelTable::new(&addresses, self.disabled_touch()?, spec, Box::new(self.object.clone().unbind()))
         };
         table.or_raise()
     }

@@ -1,5 +1,6 @@
 //! `Policy` in Python: a trained policy.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
 use dappo_diagnose::export::Export;
@@ -72,10 +73,10 @@ impl PyPolicy {
         self.policy.action_dim()
     }
 
-    /// Whether the policy observes the damage code.
+    /// Length of the damage code in its observations; 0 if it does not observe damage.
     #[getter]
-    fn observes_damage(&self) -> bool {
-        self.policy.code_length() > 0
+    fn code_length(&self) -> usize {
+        self.policy.code_length()
     }
 
     /// Names of the damage classes.
@@ -95,29 +96,37 @@ impl PyPolicy {
         self.env_steps
     }
 
-    /// The actions for rows of observations without damage code, each with the code of a class.
+    /// The actions for rows of observations: without damage code, each with the code of a class, or complete.
+    #[pyo3(signature = (obs, damage_classes=None))]
     fn act<'py>(
         &self,
         py: Python<'py>,
         obs: PyReadonlyArray2<'py, f32>,
-        damage_classes: PyReadonlyArray1<'py, i64>,
+        damage_classes: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let robots = obs.shape()[0];
-        if obs.shape()[1] != self.policy.obs_dim() || damage_classes.shape() != [robots] {
-            return Err(raise(
-                Kind::Shape,
-                format!(
-                    "obs have shape {:?} and damage_class {:?}, expected [N, {}] (without damage code) and [N]",
-                    obs.shape(),
-                    damage_classes.shape(),
-                    self.policy.obs_dim()
-                ),
-            ));
-        }
+        let (robots, width) = (obs.shape()[0], obs.shape()[1]);
+        let (obs_dim, code_length) = (self.policy.obs_dim(), self.policy.code_length());
         let rows = obs.as_slice().map_err(not_contiguous)?;
-        let classes = damage_classes.as_slice().map_err(not_contiguous)?;
-        let coded = self.with_codes(rows, classes)?;
-        let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&coded)?))?;
+        let complete = match &damage_classes {
+            Some(classes) if width == obs_dim && classes.shape() == [robots] => {
+                Cow::Owned(self.with_codes(rows, classes.as_slice().map_err(not_contiguous)?)?)
+            }
+            None if width == obs_dim + code_length => Cow::Borrowed(rows),
+            _ => {
+                let (got, classes) = (obs.shape(), damage_classes.map(|classes| classes.shape().to_vec()));
+                let classes =
+                    classes.map_or_else(String::new, |shape| format!(" and damage_class {shape:?}"));
+                return Err(raise(
+                    Kind::Shape,
+                    format!(
+                        "obs have shape {got:?}{classes}, expected [N, {obs_dim}] (without damage code) and [N], \
+                         or [N, {}] (with it) and no damage_class",
+                        obs_dim + code_length
+                    ),
+                ));
+            }
+        };
+        let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&complete)?))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.policy.action_dim()])
     }
 }

@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_that_are_no_distribution_are_refused() {
+    fn weights_that_are_no_distribution_are_rejected() {
         for weights in [&[0.0, 0.0][..], &[1.0, -1.0], &[f64::NAN, 1.0], &[f64::INFINITY, 1.0], &[]] {
             assert!(ClassDistribution::from_weights(weights).is_err(), "{weights:?}");
         }
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn strata_with_weights_that_are_no_distribution_are_refused() {
+    fn strata_with_weights_that_are_no_distribution_are_rejected() {
         for (healthy, single) in [(0.0, 0.0), (-1.0, 2.0), (f64::NAN, 1.0), (f64::INFINITY, 1.0)] {
             assert!(Strata { healthy, single, multiple: 0.0 }.check().is_err(), "{healthy} {single}");
         }

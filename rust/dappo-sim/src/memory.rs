@@ -144,7 +144,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn what_no_machine_has_is_refused_with_both_numbers() {
+    fn what_no_machine_has_is_rejected_with_both_numbers() {
         let message = Bytes::of(1 << 60, 1).require("the envs").unwrap_err().to_string();
         assert!(
             message.starts_with("not enough memory for the envs: about 1.2e9 GB are needed, "),

@@ -315,7 +315,7 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
     }
 
     #[test]
-    fn deep_nesting_is_refused_before_the_stack_overflows() {
+    fn deep_nesting_is_rejected_before_the_stack_overflows() {
         let deep = [
             format!("a = {}{}", "[".repeat(100_000), "]".repeat(100_000)),
             format!("a = {}", "{a=".repeat(100_000)),

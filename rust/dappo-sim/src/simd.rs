@@ -42,7 +42,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_set_is_refused_with_those_at_hand() {
+    fn an_unknown_set_is_rejected_with_those_at_hand() {
         let message = select(Some("mmx"), "DAPPO_SIMD").unwrap_err().to_string();
         assert!(message.starts_with("DAPPO_SIMD is `mmx`, but this processor has"), "{message}");
         assert!(message.contains("`portable`"), "{message}");

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn no_threads_are_refused() {
+    fn no_threads_are_rejected() {
         let error = ThreadPool::new(Some(0)).err().unwrap().to_string();
         assert_eq!(error, "cannot start 0 worker threads: at least one is needed");
     }

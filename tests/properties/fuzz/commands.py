@@ -78,7 +78,7 @@ _FLAGS = (
         "--controller",
         "--help",
     ),
-    *("--shard", "--walker", "--twin-action", "--resync", "--onset", "--delay", "--log", "--run", "--resume"),
+    *("--shard", "--policy", "--twin-action", "--resync", "--onset", "--delay", "--log", "--run", "--resume"),
     *("--version", "--policy", "--types", "--held-out", "--compare", "-x", "--", "-h"),
 )
 _PATHS = (

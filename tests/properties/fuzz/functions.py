@@ -113,7 +113,7 @@ def _evaluate(room: Room) -> _Call:
 
 
 def _collect(room: Room) -> _Call:
-    return dappo_batch.collect_pairs, [room.base / "run", "out"], {**RECORDS, "walker": room.base / "run"}
+    return dappo_batch.collect_pairs, [room.base / "run", "out"], {**RECORDS, "policy": room.base / "run"}
 
 
 def _learn(room: Room) -> _Call:

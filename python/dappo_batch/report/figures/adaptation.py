@@ -16,7 +16,7 @@ from dappo_batch.runs.tables import Table
 
 __all__ = ["kept", "shares", "walks"]
 
-_COLUMNS = {"adapted": "with adaptation", "unadapted": "without adaptation", "unaware": "PPO-Unaware"}
+_COLUMNS = {"adapted": "with adaptation", "no_adaptation": "without adaptation", "unaware": "PPO-Unaware"}
 _SMOOTH = 25  # steps that a speed is averaged over: about a stride
 _EVENTS: dict[str, tuple[str, Dash]] = {
     "suspected": ("damage suspected", ":"),

@@ -18,7 +18,7 @@ pub struct ClassOutcome {
     /// Episodes in which the damage struck; all others count for nothing here.
     pub episodes: usize,
     /// Episodes that ended before.
-    pub ended_before: usize,
+    pub ended_before_onset: usize,
     /// Episodes with a suspicion before the onset (in the whole episode, if the robot stays healthy).
     pub false_alarms: usize,
     /// Episodes in which damage was suspected after it struck.
@@ -26,13 +26,13 @@ pub struct ClassOutcome {
     /// Median number of steps from the damage to the suspicion, where there was one.
     pub median_delay: Option<f64>,
     /// Episodes whose first diagnosis after the onset was correct.
-    pub right_at_first: usize,
+    pub correct_first: usize,
     /// Episodes whose assumed class was correct at the end.
-    pub right_at_last: usize,
+    pub correct_last: usize,
     /// The assumed classes at the end of the episodes, the most frequent first.
     pub assumed: Vec<AssumedClass>,
-    /// Examinations an episode.
-    pub examinations: f64,
+    /// Mean number of diagnosis windows in an episode.
+    pub diagnosis_windows: f64,
     /// Episodes in which the robot recovered: it was diagnosed, and keeps four fifths of the oracle's speed to the end.
     pub recovered: usize,
     /// Median number of steps from the onset to the recovery, where there was one.
@@ -52,7 +52,7 @@ pub struct ClassOutcome {
     /// Forward reward of the policy with the code of the active damage; `None` for damage without a code.
     pub oracle: Option<f64>,
     /// Forward reward of the policy with the code of a healthy robot.
-    pub unadapted: f64,
+    pub no_adaptation: f64,
     /// Forward reward of PPO-Unaware, if there is one.
     pub unaware: Option<f64>,
 }
@@ -90,19 +90,19 @@ impl ClassOutcome {
         let steps = |of: fn(&EpisodeOutcome) -> Option<usize>| {
             outcomes.iter().filter_map(of).map(|steps| steps as f64)
         };
-        let examinations: usize = outcomes.iter().map(|outcome| outcome.examinations).sum();
+        let diagnosis_windows: usize = outcomes.iter().map(|outcome| outcome.diagnosis_windows).sum();
         let outcome = Self {
             class,
             name: classes.names[class].clone(),
             episodes: struck.len(),
-            ended_before: trial.episodes - struck.len(),
+            ended_before_onset: trial.episodes - struck.len(),
             false_alarms: count(&|outcome| outcome.false_alarm),
             detected: count(&|outcome| outcome.delay.is_some()),
             median_delay: median(steps(|outcome| outcome.delay)),
-            right_at_first: count(&|outcome| known.is_some() && outcome.first_diagnosis == known),
-            right_at_last: count(&|outcome| Some(outcome.assumed) == known),
+            correct_first: count(&|outcome| known.is_some() && outcome.first_diagnosis == known),
+            correct_last: count(&|outcome| Some(outcome.assumed) == known),
             assumed: assumed(&outcomes, classes),
-            examinations: examinations as f64 / struck.len() as f64,
+            diagnosis_windows: diagnosis_windows as f64 / struck.len() as f64,
             recovered: count(&|outcome| outcome.recovery.is_some()),
             median_recovery: median(steps(|outcome| outcome.recovery)),
             falls: adapted().filter(|episode| episode.fell).count(),
@@ -112,7 +112,7 @@ impl ClassOutcome {
             oracle_velocity_kept,
             adapted: after(&contest.adapted),
             oracle: known.map(|_| after(&contest.oracle)),
-            unadapted: after(&contest.unadapted),
+            no_adaptation: after(&contest.no_adaptation),
             unaware: contest.unaware.as_ref().map(after),
         };
         (outcome, outcomes)

@@ -28,7 +28,7 @@ pub struct Contest {
     /// Those of the policy with the code of the active damage, where there is one.
     pub oracle: Walks,
     /// Those of the policy with the code of a healthy robot.
-    pub unadapted: Walks,
+    pub no_adaptation: Walks,
     /// Those of PPO-Unaware.
     pub unaware: Option<Walks>,
 }
@@ -50,7 +50,7 @@ impl Contest {
         let policy = controller.policy();
         let encoded = |encoding| Agent::Encoded(policy, classes, encoding);
         let Some(oracle) = run(encoded(Encoding::True))? else { return Ok(None) };
-        let Some(unadapted) = run(encoded(Encoding::Zero))? else { return Ok(None) };
+        let Some(no_adaptation) = run(encoded(Encoding::Zero))? else { return Ok(None) };
         let unaware = match unaware {
             None => None,
             Some(policy) => match run(Agent::Unaware(policy))? {
@@ -58,6 +58,6 @@ impl Contest {
                 walks => walks,
             },
         };
-        Ok(Some(Self { adapted, oracle, unadapted, unaware }))
+        Ok(Some(Self { adapted, oracle, no_adaptation, unaware }))
     }
 }

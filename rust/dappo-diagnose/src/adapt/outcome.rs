@@ -23,8 +23,8 @@ pub struct EpisodeOutcome {
     pub first_diagnosis: Option<usize>,
     /// The assumed class at the end, as the controller counts them.
     pub assumed: usize,
-    /// Examinations in the episode.
-    pub examinations: usize,
+    /// Diagnosis windows in the episode.
+    pub diagnosis_windows: usize,
     /// Whether the robot did not fall, but kept less than [`STANDS_STILL`] of its speed before the damage.
     pub stands_still: bool,
     /// Steps from the damage until the speed over a window, all of it after the last change of the policy's
@@ -88,7 +88,7 @@ impl EpisodeOutcome {
             delay,
             first_diagnosis,
             assumed,
-            examinations: episode.events.iter().filter(is_suspicion).count(),
+            diagnosis_windows: episode.events.iter().filter(is_suspicion).count(),
             stands_still,
             recovery,
         }
@@ -128,7 +128,7 @@ mod tests {
         let adapting = walk(3, events);
         let outcome = EpisodeOutcome::new(&adapting, oracle(1.0));
         assert_eq!((outcome.false_alarm, outcome.delay, outcome.first_diagnosis), (false, Some(20), Some(3)));
-        assert_eq!((outcome.assumed, outcome.examinations), (3, 1));
+        assert_eq!((outcome.assumed, outcome.diagnosis_windows), (3, 1));
         // The first window after step 170 with a mean of 0.8: 0.2 in 7 steps, 0.9 in 43 (0.802), up to step 243.
         assert_eq!((outcome.recovery, outcome.stands_still), (Some(143), false));
         assert!((kept_speed(&adapting) - 0.9).abs() < 1e-12);

@@ -25,9 +25,9 @@ pub struct AdaptationSummary {
     /// Median number of steps that this took.
     pub severe_median_delay: Option<f64>,
     /// Share of the damaged episodes whose first diagnosis was correct; undetected ones count as wrong.
-    pub right_at_first: Option<f64>,
+    pub correct_first: Option<f64>,
     /// Share of them whose assumed class was correct at the end.
-    pub right_at_last: Option<f64>,
+    pub correct_last: Option<f64>,
     /// Share of them in which the robot recovered, of those with a damage code.
     pub recovered: Option<f64>,
     /// Share of the damaged episodes at whose end the robot stood still.
@@ -41,7 +41,7 @@ pub struct AdaptationSummary {
     /// Mean forward reward over the damages that have a code, as a share of the oracle's.
     pub adapted_share: Option<f64>,
     /// The same of the policy with the code of a healthy robot.
-    pub unadapted_share: Option<f64>,
+    pub no_adaptation_share: Option<f64>,
     /// The same of PPO-Unaware.
     pub unaware_share: Option<f64>,
     /// How long the controller took for its decisions.
@@ -85,7 +85,7 @@ impl AdaptationSummary {
     pub fn new(trial: &Trial, known: &KnownClasses, contest: &Contest) -> Result<Self> {
         let all = trial.classes.len() * trial.episodes;
         for walks in
-            [&contest.adapted, &contest.oracle, &contest.unadapted].into_iter().chain(&contest.unaware)
+            [&contest.adapted, &contest.oracle, &contest.no_adaptation].into_iter().chain(&contest.unaware)
         {
             check_length("walks [classes, episodes]", &walks.episodes, all)?;
         }
@@ -94,7 +94,7 @@ impl AdaptationSummary {
         for (row, &class) in trial.classes.iter().enumerate() {
             let (outcome, episodes) = ClassOutcome::new(trial, row, known, contest);
             let struck = struck(trial, row, &contest.adapted);
-            let slowed = average(&contest.unadapted, &struck, speed);
+            let slowed = average(&contest.no_adaptation, &struck, speed);
             if class != 0 && slowed < 0.5 * outcome.velocity_before {
                 severe += struck.len();
                 delays.extend(episodes.iter().filter_map(|episode| episode.delay));
@@ -129,15 +129,15 @@ impl AdaptationSummary {
             severe_episodes,
             severe_detected: (severe_episodes > 0).then(|| delays.len() as f64 / severe_episodes as f64),
             severe_median_delay: median(delays.iter().map(|&delay| delay as f64)),
-            right_at_first: share(&damaged, &|outcome| outcome.right_at_first),
-            right_at_last: share(&damaged, &|outcome| outcome.right_at_last),
+            correct_first: share(&damaged, &|outcome| outcome.correct_first),
+            correct_last: share(&damaged, &|outcome| outcome.correct_last),
             recovered: share(&known, &|outcome| outcome.recovered),
             stood_still: share(&damaged, &|outcome| outcome.stood_still),
             fell: share(&damaged, &|outcome| outcome.falls),
             kept_of_oracle: ratio(&kept, &|outcome| outcome.oracle_velocity_kept),
             kept_of_healthy: ratio(&kept, &|outcome| Some(outcome.velocity_before)),
             adapted_share: of_oracle(&|outcome| Some(outcome.adapted)),
-            unadapted_share: of_oracle(&|outcome| Some(outcome.unadapted)),
+            no_adaptation_share: of_oracle(&|outcome| Some(outcome.no_adaptation)),
             unaware_share: of_oracle(&|outcome| outcome.unaware),
             decision_ms,
             classes,
@@ -157,14 +157,14 @@ impl AdaptationSummary {
             "class",
             "name",
             "episodes",
-            "ended_before",
+            "ended_before_onset",
             "false_alarms",
             "detected",
             "median_delay",
-            "right_at_first",
-            "right_at_last",
+            "correct_first",
+            "correct_last",
             "assumed",
-            "examinations",
+            "diagnosis_windows",
             "recovered",
             "median_recovery",
             "falls",
@@ -174,7 +174,7 @@ impl AdaptationSummary {
             "oracle_velocity_kept",
             "adapted",
             "oracle",
-            "unadapted",
+            "no_adaptation",
             "unaware",
         ];
         let optional = |value: Option<f64>, decimals| {
@@ -186,14 +186,14 @@ impl AdaptationSummary {
                 c.class.to_string(),
                 c.name.clone(),
                 c.episodes.to_string(),
-                c.ended_before.to_string(),
+                c.ended_before_onset.to_string(),
                 c.false_alarms.to_string(),
                 c.detected.to_string(),
                 optional(c.median_delay, 1),
-                c.right_at_first.to_string(),
-                c.right_at_last.to_string(),
+                c.correct_first.to_string(),
+                c.correct_last.to_string(),
                 assumed.collect::<Vec<_>>().join("; "),
-                format!("{:.2}", c.examinations),
+                format!("{:.2}", c.diagnosis_windows),
                 c.recovered.to_string(),
                 optional(c.median_recovery, 1),
                 c.falls.to_string(),
@@ -203,7 +203,7 @@ impl AdaptationSummary {
                 optional(c.oracle_velocity_kept, 4),
                 format!("{:.2}", c.adapted),
                 optional(c.oracle, 2),
-                format!("{:.2}", c.unadapted),
+                format!("{:.2}", c.no_adaptation),
                 optional(c.unaware, 2),
             ]
         };
@@ -266,7 +266,7 @@ mod tests {
         let contest = Contest {
             adapted: all(1.0, 0.8, 0.6),
             oracle: all(1.0, 0.8, 0.8),
-            unadapted: all(1.0, 0.6, 0.2),
+            no_adaptation: all(1.0, 0.6, 0.2),
             unaware: None,
         };
         let known = all_known(&["healthy", "mild", "severe"]);
@@ -276,7 +276,7 @@ mod tests {
         assert_eq!(summary.severe_median_delay, Some(7.0));
         // (0.8 + 0.6) / (0.8 + 0.8) and (0.6 + 0.2) / 1.6, of 90 steps each.
         assert!((summary.adapted_share.unwrap() - 0.875).abs() < 1e-12);
-        assert!((summary.unadapted_share.unwrap() - 0.5).abs() < 1e-12);
+        assert!((summary.no_adaptation_share.unwrap() - 0.5).abs() < 1e-12);
         // The speeds after the damage are constant: 1.4 of the oracle's 1.6 m/s, and of 2 · 1 m/s before.
         assert!((summary.kept_of_oracle.unwrap() - 0.875).abs() < 1e-12);
         assert!((summary.kept_of_healthy.unwrap() - 0.7).abs() < 1e-12);
@@ -287,7 +287,7 @@ mod tests {
         assert_eq!((robots, median, p99, longest), (6, 100.0, 198.0, 200.0));
         assert!((summary.classes[2].adapted - 54.0).abs() < 1e-9);
         assert_eq!((summary.classes[1].detected, summary.classes[2].detected), (0, 2));
-        assert_eq!(summary.classes[1].ended_before, 0);
+        assert_eq!(summary.classes[1].ended_before_onset, 0);
         assert!(AdaptationSummary::new(&Trial { episodes: 3, ..trial }, &known, &contest).is_err());
     }
 
@@ -302,7 +302,7 @@ mod tests {
         let contest = Contest {
             adapted: walks(vec![diagnosed(0.6, false), diagnosed(0.05, false), diagnosed(0.6, true)]),
             oracle: walks(vec![walk(1, 1.0, 0.6, None), walk(1, 1.0, 0.6, None), walk(1, 1.0, 0.0, None)]),
-            unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
+            no_adaptation: walks(vec![walk(1, 1.0, 0.1, None); 3]),
             unaware: None,
         };
         let known = all_known(&["healthy", "broken"]);
@@ -339,7 +339,7 @@ mod tests {
         let contest = Contest {
             adapted: walks(vec![adapted(1), adapted(2), adapted(2)]),
             oracle: walks(vec![walk(1, 1.0, 1.0, None); 3]),
-            unadapted: walks(vec![walk(1, 1.0, 0.1, None); 3]),
+            no_adaptation: walks(vec![walk(1, 1.0, 0.1, None); 3]),
             unaware: None,
         };
         // The robot's class 1 has no code.
@@ -352,7 +352,7 @@ mod tests {
         let trial = trial(vec![1], 3);
         let summary = AdaptationSummary::new(&trial, &known, &contest).unwrap();
         let class = &summary.classes[0];
-        assert_eq!((class.detected, class.right_at_first, class.right_at_last), (3, 0, 0));
+        assert_eq!((class.detected, class.correct_first, class.correct_last), (3, 0, 0));
         assert_eq!((class.oracle, class.median_recovery, summary.adapted_share), (None, None, None));
         let assumed = [("missing", 2), ("jammed", 1)];
         assert!(class.assumed.iter().map(|assumed| (assumed.name.as_str(), assumed.episodes)).eq(assumed));
@@ -370,12 +370,12 @@ mod tests {
         let contest = Contest {
             adapted: walks(0.5, Some(12)),
             oracle: walks(1.0, None),
-            unadapted: walks(0.1, None),
+            no_adaptation: walks(0.1, None),
             unaware: Some(walks(0.2, None)),
         };
         let summary = AdaptationSummary::new(&trial, &all_known(&["healthy", "broken"]), &contest).unwrap();
         let class = &summary.classes[0];
-        assert_eq!((class.episodes, class.ended_before, class.detected, class.falls), (1, 1, 1, 0));
+        assert_eq!((class.episodes, class.ended_before_onset, class.detected, class.falls), (1, 1, 1, 0));
         assert_eq!((summary.severe_episodes, summary.severe_detected), (1, Some(1.0)));
         assert!((class.adapted - 45.0).abs() < 1e-9);
         assert!((summary.unaware_share.unwrap() - 0.2).abs() < 1e-12);

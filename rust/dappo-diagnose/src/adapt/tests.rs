@@ -105,7 +105,7 @@ fn policy(bias: f32, code_length: usize) -> Policy {
     Policy::new(net, InputTransform::standardized(standardizer, code_length, 1.0).unwrap()).unwrap()
 }
 
-/// Suspects damage whenever it may, examines it for two steps, and accepts no diagnosis.
+/// Suspects damage whenever it may, records a diagnosis window of two steps, and accepts no diagnosis.
 fn controller(factory: &Factory, robots: usize) -> Controller {
     let classes = factory.space.classes().len();
     let description = Description {
@@ -170,13 +170,13 @@ fn every_agent_of_a_contest_acts_by_its_own_damage_code() {
     assert_eq!(actions(&contest.adapted), [24.0; 4]);
     // The code shows from step 3 on what acted from step 2 on; the damage is bit 2 of the code: 3 · 1 + 3 · 31.
     assert_eq!(actions(&contest.oracle), [6.0, 6.0, 96.0, 96.0]);
-    assert_eq!(actions(&contest.unadapted), [6.0; 4]);
+    assert_eq!(actions(&contest.no_adaptation), [6.0; 4]);
     assert_eq!(actions(&contest.unaware.unwrap()), [300.0; 4]);
     for episode in &contest.adapted.episodes {
         let steps: Vec<(u64, bool)> = episode.events.iter().map(suspected).collect();
         assert_eq!(steps, [(1, true), (3, false), (5, true)]);
     }
-    for walks in [&contest.oracle, &contest.unadapted] {
+    for walks in [&contest.oracle, &contest.no_adaptation] {
         assert!(walks.episodes.iter().all(|episode| episode.events.is_empty()));
     }
 }
@@ -196,7 +196,7 @@ fn all_agents_of_a_contest_walk_the_same_episodes() {
     assert_ne!(starts[0], starts[1]);
     // The controller, the oracle, the policy without adaptation and PPO-Unaware, each with every start in every class.
     assert_eq!(factory.made.into_inner(), vec![(starts.repeat(CLASSES.len()), ONSET); 4]);
-    for walks in [&contest.adapted, &contest.oracle, &contest.unadapted, &contest.unaware.unwrap()] {
+    for walks in [&contest.adapted, &contest.oracle, &contest.no_adaptation, &contest.unaware.unwrap()] {
         let damage: Vec<_> = walks.episodes.iter().map(|episode| (episode.class, episode.onset)).collect();
         assert_eq!(damage, [(0, 2), (0, 2), (3, 2), (3, 2)]);
         for episode in &walks.episodes {

@@ -43,8 +43,8 @@ impl AdaptationSummary {
                 c.share_of_episodes(c.false_alarms),
                 of_damage(c.detected),
                 steps(c.median_delay),
-                of_damage(c.right_at_first),
-                c.share_of_episodes(c.right_at_last),
+                of_damage(c.correct_first),
+                c.share_of_episodes(c.correct_last),
             ]
         });
         table(headers, rows)
@@ -78,7 +78,7 @@ impl AdaptationSummary {
                 percent(share(c.velocity_kept, c.oracle_velocity_kept)),
                 reward(Some(c.adapted)),
                 reward(c.oracle),
-                reward(Some(c.unadapted)),
+                reward(Some(c.no_adaptation)),
                 reward(c.unaware),
             ]
         });
@@ -87,7 +87,7 @@ impl AdaptationSummary {
 
     /// The means over all classes.
     fn means(&self) -> String {
-        let left_out = match self.classes.iter().map(|class| class.ended_before).sum() {
+        let left_out = match self.classes.iter().map(|class| class.ended_before_onset).sum() {
             0_usize => String::new(),
             some => format!("episodes left out, which ended before the damage: {some}\n"),
         };
@@ -106,8 +106,8 @@ impl AdaptationSummary {
             ),
             format!(
                 "first diagnosis correct: {}; damage code correct at the end: {}\n",
-                percent(self.right_at_first),
-                percent(self.right_at_last)
+                percent(self.correct_first),
+                percent(self.correct_last)
             ),
             format!(
                 "speed over the last 200 steps: {} of the oracle's, {} of that before the damage\n",
@@ -124,7 +124,7 @@ impl AdaptationSummary {
                 "forward reward after the damage, as a share of the oracle's: adapted {}, \
                  no adaptation {}{unaware}\n",
                 percent(self.adapted_share),
-                percent(self.unadapted_share)
+                percent(self.no_adaptation_share)
             ),
         ]
         .concat()
@@ -135,7 +135,7 @@ impl ClassOutcome {
     /// The numbers of a single class.
     fn text(&self, trial: &Trial, control_period: f64) -> String {
         let of = |count: usize| format!("{count} of {}", self.episodes);
-        let left_out = match self.ended_before {
+        let left_out = match self.ended_before_onset {
             0 => String::new(),
             some => format!("  left out, ended before the damage: {some}\n"),
         };
@@ -155,7 +155,7 @@ impl ClassOutcome {
         let rewards = [
             ("adapted", Some(self.adapted)),
             ("oracle (given the damage code at once)", self.oracle),
-            ("no adaptation (code of a healthy robot)", Some(self.unadapted)),
+            ("no adaptation (code of a healthy robot)", Some(self.no_adaptation)),
             ("PPO-Unaware", self.unaware),
         ];
         let rewards = rewards.into_iter().filter_map(|(name, reward)| {
@@ -198,8 +198,8 @@ impl ClassOutcome {
             ),
             format!(
                 "  first diagnosis correct: {}; damage code correct at the end: {}\n",
-                of(self.right_at_first),
-                of(self.right_at_last)
+                of(self.correct_first),
+                of(self.correct_last)
             ),
             format!("  damage codes at the end, with episodes: {}\n", assumed.join(", ")),
         ]
@@ -247,8 +247,8 @@ fn event_text(event: &EventKind, names: &[String]) -> String {
             "diagnosis withdrawn: {} (residual of its twin {residual:.3}, of the healthy twin {healthy:.3})",
             name(*class)
         ),
-        EventKind::ReadingsLost { faults } => format!("{faults} readings lost"),
-        EventKind::ReadingsBack => "all readings are back".to_owned(),
+        EventKind::ObservationInvalid { entries } => format!("observation: {entries} entries are not finite"),
+        EventKind::ObservationValid => "observation: all entries are finite again".to_owned(),
     }
 }
 

@@ -22,8 +22,8 @@ pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
                     "adapted".to_owned()
                 }
                 EventKind::Withdrawn { class, .. } => format!("withdrawn {}", name(*class)),
-                EventKind::ReadingsLost { .. } => "readings lost".to_owned(),
-                EventKind::ReadingsBack => "readings back".to_owned(),
+                EventKind::ObservationInvalid { .. } => "observation invalid".to_owned(),
+                EventKind::ObservationValid => "observation valid".to_owned(),
             });
         }
         let damage = &classes.names[if step >= episode.onset { episode.class } else { 0 }];

@@ -66,7 +66,7 @@ fn header(
     config: &CollectConfig,
     factory: &dyn EnvFactory,
     expert: &RunPolicy,
-    walker: Option<&RunPolicy>,
+    policy: Option<&RunPolicy>,
     backend: &dyn Backend,
 ) -> DatasetHeader {
     let task = backend.task();
@@ -81,7 +81,7 @@ fn header(
         timing: config.protocol.timing,
         twin: config.protocol.twin,
         expert: PolicyId::of(expert),
-        walker: PolicyId::of(walker.unwrap_or(expert)),
+        policy: PolicyId::of(policy.unwrap_or(expert)),
         backend: backend.physics().backend().into(),
         precision: backend.physics().precision().into(),
     }
@@ -97,7 +97,7 @@ pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<(
     Ok(())
 }
 
-/// Collects the rollouts of a shard that `folder` does not hold yet. `walker` is the policy before the window; the
+/// Collects the rollouts of a shard that `folder` does not hold yet. `policy` is the policy before the window; the
 /// expert for `None`.
 ///
 /// Rollout r starts from a state drawn from (seed, r) alone, so the records depend neither on the shards nor on the
@@ -106,7 +106,7 @@ pub fn collect(
     config: &CollectConfig,
     factory: &dyn EnvFactory,
     expert: &RunPolicy,
-    walker: Option<&RunPolicy>,
+    policy: Option<&RunPolicy>,
     folder: &Path,
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
@@ -117,8 +117,8 @@ pub fn collect(
     Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;
     let keys = &env_keys(config.seed, range.end)[range.clone()];
     let block = (ENVS / classes).clamp(1, keys.len().max(1));
-    let mut pairs = Pairs::new(config, factory, expert, walker, block)?;
-    let header = header(config, factory, expert, walker, pairs.backend());
+    let mut pairs = Pairs::new(config, factory, expert, policy, block)?;
+    let header = header(config, factory, expert, policy, pairs.backend());
     // Two blocks at a time, and the bytes of one.
     Bytes::of(3 * block, header.record_bytes() as usize)
         .require(&format!("{block} rollouts of {classes} damage classes with {} steps", config.timesteps))?;

@@ -14,7 +14,7 @@ use crate::{Protocol, TwinAction};
 /// The robots of `block` rollouts, one for each damage class, and their twins.
 pub(super) struct Pairs<'a> {
     expert: &'a Policy,
-    walker: &'a Policy,
+    policy: &'a Policy,
     protocol: Protocol,
     timesteps: usize,
     classes: usize,
@@ -28,14 +28,14 @@ impl<'a> Pairs<'a> {
         config: &CollectConfig,
         factory: &dyn EnvFactory,
         expert: &'a RunPolicy,
-        walker: Option<&'a RunPolicy>,
+        policy: Option<&'a RunPolicy>,
         block: usize,
     ) -> Result<Self> {
         let classes = factory.space().classes().len();
         let physics = factory.evaluation_physics();
         let fleet = || factory.backend(block * classes, None, physics).map(Fleet::new);
         let robots = fleet()?;
-        for one in [expert, walker.unwrap_or(expert)] {
+        for one in [expert, policy.unwrap_or(expert)] {
             let (got, expected) = (one.policy.obs_dim(), robots.backend().task().obs_dim());
             if got != expected {
                 return Err(LearnError::Invalid(format!(
@@ -47,7 +47,7 @@ impl<'a> Pairs<'a> {
         }
         Ok(Self {
             expert: &expert.policy,
-            walker: &walker.unwrap_or(expert).policy,
+            policy: &policy.unwrap_or(expert).policy,
             protocol: config.protocol,
             timesteps: config.timesteps,
             classes,
@@ -113,7 +113,7 @@ impl<'a> Pairs<'a> {
             self.robots.set_classes(&struck)?;
             let skip: Vec<bool> = (0..resets.len()).map(|env| step >= starts[env / classes]).collect();
             if skip.contains(&false) {
-                let actions = self.walker.healthy_actions(&self.robots.obs)?;
+                let actions = self.policy.healthy_actions(&self.robots.obs)?;
                 self.robots.step(&actions, &skip)?;
             }
         }

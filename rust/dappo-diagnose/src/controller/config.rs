@@ -8,7 +8,7 @@ use strum::{EnumString, IntoStaticStr, VariantNames};
 
 /// Steps of a window at most, which is kept for every robot.
 const MOST_WINDOW: u64 = 1_000_000;
-/// Steps at most that something waits for; the time to the next examination doubles.
+/// Steps at most that something waits for; the time to the next diagnosis window doubles.
 const MOST_WAIT: u64 = 1 << 31;
 
 /// What makes a controller suspect damage.
@@ -39,7 +39,7 @@ pub struct ControllerConfig {
     /// Residual above which a robot differs from its twin: root mean square over the entries of an observation, in
     /// standard deviations of the training.
     pub residual_threshold: f64,
-    /// Steps after a start or a diagnosis in which nothing is suspected. Each examination that does not
+    /// Steps after a start or a diagnosis in which nothing is suspected. Each diagnosis window that does not
     /// remove the suspicion doubles the time to the next one.
     pub cooldown: usize,
     /// Least probability of a diagnosis that is accepted.
@@ -68,9 +68,7 @@ impl Default for ControllerConfig {
 impl ControllerConfig {
     /// The defaults with these settings laid over them.
     pub fn with(settings: &[Assignment]) -> Result<Self> {
-        let mut layers = Layers::default();
-        layers.assign(settings)?;
-        let config: Self = layers.typed()?;
+        let config: Self = Layers::of(settings)?.typed()?;
         config.check()?;
         Ok(config)
     }

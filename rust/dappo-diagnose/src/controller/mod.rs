@@ -3,7 +3,7 @@
 //! policy resumes with the code of the diagnosed damage.
 //!
 //! ```text
-//! walking ── suspicion ──▶ examination (T steps, expert) ── diagnosis ──▶ walking, new assumed class
+//! walking ── suspicion ──▶ diagnosis window (T steps, expert) ── diagnosis ──▶ walking, new assumed class
 //! ```
 //!
 //! The inputs of a [`Controller`] are observations and velocities alone, as on a real robot; the true damage
@@ -142,25 +142,29 @@ impl Controller {
         let width = self.obs_dim();
         for index in 0..self.robots.len() {
             let readings = &obs[index * width..(index + 1) * width];
-            let mut faults = 0;
+            let mut invalid = 0;
             for (held, reading) in self.obs[index * width..].iter_mut().zip(readings) {
                 if reading.is_finite() {
                     *held = *reading;
                 } else {
-                    faults += 1;
+                    invalid += 1;
                 }
             }
-            if (faults > 0) != self.robots[index].is_blind {
-                self.robots[index].is_blind = faults > 0;
+            if (invalid > 0) != self.robots[index].is_blind {
+                self.robots[index].is_blind = invalid > 0;
                 self.event(
                     index,
-                    if faults > 0 { EventKind::ReadingsLost { faults } } else { EventKind::ReadingsBack },
+                    if invalid > 0 {
+                        EventKind::ObservationInvalid { entries: invalid }
+                    } else {
+                        EventKind::ObservationValid
+                    },
                 );
             }
         }
     }
 
-    /// Compares a robot with its twin: continues an examination, or checks whether one is needed.
+    /// Compares a robot with its twin: continues a diagnosis window, or checks whether one is needed.
     fn judge(&mut self, index: usize, velocity: f64) -> Result<()> {
         let (width, action_dim) = (self.obs_dim(), self.action_dim());
         let robot = &mut self.robots[index];
@@ -168,7 +172,7 @@ impl Controller {
         let predicted = (robot.has_prediction && !robot.is_blind && !self.twins.diverged[index])
             .then(|| self.twins.row(index));
         robot.has_prediction = false;
-        if let Some(window) = &mut robot.examination {
+        if let Some(window) = &mut robot.window {
             let Some(twin) = predicted else { return Ok(()) };
             window.damaged.extend(observed);
             window.twin.extend(twin);
@@ -188,7 +192,7 @@ impl Controller {
         let robot = &mut self.robots[index];
         let expected = self.skills.baselines[robot.class];
         if let Some(evidence) = robot.suspicion.weigh(&self.config, velocity, residual, expected) {
-            robot.examination = Some(Window::default());
+            robot.window = Some(Window::default());
             robot.probation = None;
             let Evidence { forward_velocity, residual } = evidence;
             self.event(index, EventKind::Suspected { forward_velocity, expected, residual });
@@ -196,10 +200,10 @@ impl Controller {
         Ok(())
     }
 
-    /// Ends an examination: diagnoses the damage, and accepts the diagnosis if its probability is high
+    /// Ends a diagnosis window: diagnoses the damage, and accepts the diagnosis if its probability is high
     /// enough.
     fn diagnose(&mut self, index: usize) -> Result<()> {
-        let Some(window) = self.robots[index].examination.take() else { return Ok(()) };
+        let Some(window) = self.robots[index].window.take() else { return Ok(()) };
         let (class, confidence) = self.skills.diagnoser.diagnose(&window)?;
         let accepted = f64::from(confidence) >= self.config.confidence;
         self.event(index, EventKind::Diagnosed { class, confidence, accepted });
@@ -216,7 +220,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Residuals of the healthy twin in an examination; none unless it was re-synchronised before every step,
+    /// Residuals of the healthy twin in a diagnosis window; none unless it was re-synchronised before every step,
     /// as the twin of a walking robot is.
     fn residuals(&self, window: &Window) -> Vec<f64> {
         let mode = self.skills.diagnoser.description().twin;
@@ -235,11 +239,11 @@ impl Controller {
         self.event(index, EventKind::Adapted { class: 0 });
     }
 
-    /// The expert's actions for robots under examination, those of the policy for the others.
+    /// The expert's actions for robots in a diagnosis window, those of the policy for the others.
     fn choose_actions(&mut self) -> Result<()> {
         let action_dim = self.action_dim();
-        let (examined, walking): (Vec<usize>, Vec<usize>) =
-            (0..self.robots.len()).partition(|&index| self.robots[index].examination.is_some());
+        let (in_window, walking): (Vec<usize>, Vec<usize>) =
+            (0..self.robots.len()).partition(|&index| self.robots[index].window.is_some());
         let row = |index: usize| &self.obs[index * self.obs_dim()..][..self.obs_dim()];
         let policy_row =
             |index: usize| row(index).iter().chain(&self.codes[self.robots[index].class]).copied();
@@ -248,11 +252,11 @@ impl Controller {
             let rows: Vec<f32> = walking.iter().flat_map(|&index| policy_row(index)).collect();
             chosen.extend(self.skills.policy.mean_actions(&rows)?);
         }
-        if !examined.is_empty() {
-            let rows: Vec<f32> = examined.iter().flat_map(|&index| row(index)).copied().collect();
+        if !in_window.is_empty() {
+            let rows: Vec<f32> = in_window.iter().flat_map(|&index| row(index)).copied().collect();
             chosen.extend(self.skills.expert.healthy_actions(&rows)?);
         }
-        for (index, action) in walking.iter().chain(&examined).zip(chosen.chunks_exact(action_dim)) {
+        for (index, action) in walking.iter().chain(&in_window).zip(chosen.chunks_exact(action_dim)) {
             self.actions[index * action_dim..][..action_dim].copy_from_slice(action);
         }
         Ok(())
@@ -260,7 +264,7 @@ impl Controller {
 
     /// Predicts the next observations with the twins of this step.
     ///
-    /// The twin of an examined robot is healthy and runs as in the training of the diagnoser. That of a
+    /// The twin of a robot in a diagnosis window is healthy and runs as in the training of the diagnoser. That of a
     /// walking robot has the damage of the assumed class, is re-synchronised before every step and takes the
     /// action of the robot.
     fn step_twins(&mut self) -> Result<()> {
@@ -270,19 +274,19 @@ impl Controller {
         let mut skip_sync = vec![true; self.robots.len()];
         let mut skip_step = vec![true; self.robots.len()];
         for (index, robot) in self.robots.iter_mut().enumerate() {
-            let class = if robot.examination.is_some() { 0 } else { robot.class };
+            let class = if robot.window.is_some() { 0 } else { robot.class };
             if class != robot.twin_class {
                 robot.twin_class = class;
                 classes.push((index, class));
             }
-            skip_sync[index] = match &robot.examination {
+            skip_sync[index] = match &robot.window {
                 Some(window) => {
                     let row = window.damaged.len() / width;
                     row > 0 && !mode.resyncs_before(row)
                 }
                 None => !watches,
             };
-            skip_step[index] = robot.examination.is_none() && !watches;
+            skip_step[index] = robot.window.is_none() && !watches;
             robot.has_prediction = !skip_step[index];
         }
         self.twins.set_classes(&classes)?;
@@ -298,7 +302,7 @@ impl Controller {
             let action_dim = self.action_dim();
             let rows = actions.chunks_exact_mut(action_dim).zip(own.chunks_exact(action_dim));
             for ((action, own), robot) in rows.zip(&self.robots) {
-                if robot.examination.is_some() {
+                if robot.window.is_some() {
                     action.copy_from_slice(own);
                 }
             }

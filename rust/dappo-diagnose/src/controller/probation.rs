@@ -5,11 +5,11 @@ use dappo_learn::statistics::upper_median;
 use super::ControllerConfig;
 
 /// The first steps under a new diagnosis: the twin has the diagnosed damage now, and must be closer to the
-/// robot than the healthy twin of the examination was. Otherwise the robot is broken in a way that has no
+/// robot than the healthy twin in the diagnosis window was. Otherwise the robot is broken in a way that has no
 /// class, and a wrong code can cost more than the healthy one.
 #[derive(Debug)]
 pub(super) struct Probation {
-    /// Median residual of the healthy twin in the examination.
+    /// Median residual of the healthy twin in the diagnosis window.
     healthy: f64,
     residuals: Vec<f64>,
 }
@@ -24,7 +24,7 @@ pub(super) struct Rebuttal {
 }
 
 impl Probation {
-    /// Begins after an examination with these residuals of the healthy twin, one a step; `None` if there are none.
+    /// Begins after a diagnosis window with these residuals of the healthy twin, one a step; `None` if there are none.
     pub fn new(config: &ControllerConfig, healthy: &[f64]) -> Option<Self> {
         let healthy = upper_median(healthy.iter().copied()).filter(|_| config.probation > 0)?;
         Some(Self { healthy, residuals: Vec::with_capacity(config.probation) })

@@ -19,8 +19,8 @@ pub(super) struct Robot {
     pub is_blind: bool,
     /// Evidence of damage while it walks.
     pub suspicion: Suspicion,
-    /// The steps examined so far.
-    pub examination: Option<Window>,
+    /// The diagnosis window so far, if one is being recorded.
+    pub window: Option<Window>,
     /// Evidence for the last diagnosis, until the probation ends.
     pub probation: Option<Probation>,
 }
@@ -35,7 +35,7 @@ impl Robot {
             has_prediction: false,
             is_blind: false,
             suspicion: Suspicion::new(config),
-            examination: None,
+            window: None,
             probation: None,
         }
     }

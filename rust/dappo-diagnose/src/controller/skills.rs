@@ -11,7 +11,7 @@ use crate::Diagnoser;
 pub struct Skills {
     /// The damage-aware policy.
     pub policy: Policy,
-    /// The policy that acts during an examination, as in the diagnoser's training.
+    /// The policy that acts during a diagnosis window, as in the diagnoser's training.
     pub expert: Policy,
     /// The diagnoser.
     pub diagnoser: Diagnoser,

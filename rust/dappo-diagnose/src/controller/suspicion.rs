@@ -1,4 +1,4 @@
-//! When a walking robot must be examined.
+//! When a diagnosis window of a walking robot must begin.
 
 use std::collections::VecDeque;
 
@@ -9,7 +9,7 @@ use super::{ControllerConfig, Trigger};
 /// A cool-down grows to at most this many times its length.
 const LONGEST_REST: usize = 32;
 
-/// Why a robot is examined.
+/// Why a diagnosis window begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Evidence {
     /// Mean forward velocity over the last steps, m/s.
@@ -18,14 +18,14 @@ pub(super) struct Evidence {
     pub residual: Option<f64>,
 }
 
-/// Measurements of a walking robot since its start or its last examination.
+/// Measurements of a walking robot since its start or its last diagnosis window.
 #[derive(Debug)]
 pub(super) struct Suspicion {
     velocities: VecDeque<f64>,
     residuals: VecDeque<f64>,
     /// Steps left in which nothing is suspected.
     rest: usize,
-    /// Consecutive examinations after none of which the robot moved as expected.
+    /// Consecutive diagnosis windows after none of which the robot moved as expected.
     futile: u32,
 }
 
@@ -34,7 +34,7 @@ impl Suspicion {
         Self { velocities: VecDeque::new(), residuals: VecDeque::new(), rest: config.cooldown, futile: 0 }
     }
 
-    /// Adds a step, and returns whether the robot must be examined. What was not measured is not finite or
+    /// Adds a step, and returns whether a diagnosis window must begin. What was not measured is not finite or
     /// `None`.
     pub fn weigh(
         &mut self,
@@ -77,7 +77,7 @@ impl Suspicion {
         }
     }
 
-    /// Restarts after an examination.
+    /// Restarts after a diagnosis window.
     pub fn rest(&mut self, config: &ControllerConfig) {
         self.velocities.clear();
         self.residuals.clear();

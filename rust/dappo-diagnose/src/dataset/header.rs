@@ -61,7 +61,8 @@ pub struct DatasetHeader {
     /// The policy of both robots in the window.
     pub expert: PolicyId,
     /// The policy of the robot before the window.
-    pub walker: PolicyId,
+    #[serde(alias = "walker")]
+    pub policy: PolicyId,
     /// Backend of the physics.
     pub backend: String,
     /// Its floating-point format.
@@ -157,7 +158,7 @@ impl DatasetHeader {
     fn entries(&self) -> Result<serde_json::Map<String, serde_json::Value>> {
         let mut header = self.clone();
         header.expert.run.clear();
-        header.walker.run.clear();
+        header.policy.run.clear();
         match serde_json::to_value(&header) {
             Ok(serde_json::Value::Object(entries)) => Ok(entries),
             other => Err(LearnError::Invalid(format!("cannot write the header: {other:?}"))),

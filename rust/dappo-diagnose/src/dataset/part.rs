@@ -201,7 +201,7 @@ mod tests {
             timing: Timing::default(),
             twin: Twin::default(),
             expert: policy.clone(),
-            walker: policy,
+            policy,
             backend: "lanes".into(),
             precision: "f32".into(),
         }
@@ -293,6 +293,18 @@ mod tests {
     }
 
     #[test]
+    fn a_header_of_an_earlier_version_calls_the_policy_before_the_window_walker() {
+        let (folder, header) = (Scratch::new(), small_header());
+        header.write_or_match(&folder.0).unwrap();
+        let path = folder.0.join("dataset.json");
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains("\"policy\": {"), "{text}");
+        fs::write(&path, text.replace("\"policy\": {", "\"walker\": {")).unwrap();
+        assert_eq!(DatasetHeader::read(&folder.0).unwrap(), header);
+        header.write_or_match(&folder.0).unwrap();
+    }
+
+    #[test]
     fn of_pieces_with_different_settings_that_begin_together_only_those_of_one_setting_go_on() {
         for _ in 0..50 {
             let folder = Scratch::new();
@@ -323,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn headers_of_sizes_that_no_record_has_and_files_shorter_than_their_headers_are_refused() {
+    fn headers_of_sizes_that_no_record_has_and_files_shorter_than_their_headers_are_rejected() {
         let folder = Scratch::new();
         collect(&folder.0).unwrap();
         let path = folder.0.join("dataset.json");
@@ -360,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_that_do_not_exist_are_refused() {
+    fn shards_that_do_not_exist_are_rejected() {
         for text in ["3/3", "1", "a/2", "-1/2", "0/0"] {
             assert!(Shard::parse(text).unwrap_err().to_string().contains(text), "{text}");
         }

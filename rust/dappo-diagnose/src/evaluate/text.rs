@@ -66,7 +66,7 @@ impl Mistake {
             "    {:.1} % of {} are diagnosed as {}, which changes the reward from {:.0} to {:.0}\n",
             100.0 * self.share,
             self.class,
-            self.named,
+            self.diagnosed,
             self.true_reward,
             self.mistaken_reward
         )
@@ -125,7 +125,7 @@ mod tests {
     {
         let mistake = |share| Mistake {
             class: "healthy".into(),
-            named: "jammed@0".into(),
+            diagnosed: "jammed@0".into(),
             share,
             true_reward: 2000.0,
             mistaken_reward: 500.0,

@@ -36,7 +36,7 @@ pub struct ExportHeader {
     pub controller: Option<ControllerConfig>,
     /// The policy.
     pub policy: PolicyHeader,
-    /// The policy that walks during an examination; the policy itself with the code of no damage, for none.
+    /// The policy that acts during a diagnosis window; the policy itself with the code of no damage, for none.
     pub expert: Option<PolicyHeader>,
     /// The diagnoser; nothing for a policy alone.
     pub diagnoser: Option<DiagnoserHeader>,
@@ -126,9 +126,9 @@ pub struct TwinHeader {
     pub touch_sensors: Vec<String>,
     /// Body whose way along x in a control step, divided by the control period, is the forward velocity.
     pub forward_velocity: String,
-    /// Whose actions the twin takes during an examination; nothing for a policy alone, as in the following entries.
+    /// Whose actions the twin takes during a diagnosis window; nothing for a policy alone, as in the following entries.
     pub action: Option<TwinAction>,
-    /// Steps of an examination after which the twin is re-synchronised; 0 = only at the start.
+    /// Steps of a diagnosis window after which the twin is re-synchronised; 0 = only at the start.
     pub resync: Option<u32>,
     /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
     /// take part, `[O]`.

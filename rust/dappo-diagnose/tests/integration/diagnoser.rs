@@ -245,7 +245,7 @@ fn three_epochs_equal_two_epochs_then_resuming_for_another_to_the_bit() {
 }
 
 #[test]
-fn resuming_another_training_or_other_data_is_refused() {
+fn resuming_another_training_or_other_data_is_rejected() {
     let source = synthetic(20, true);
     let at = Temporary::new("other");
     let config = DiagnoserConfig { epochs: 1, ..small() };
@@ -310,7 +310,7 @@ fn training_stops_when_patience_is_lost_and_keeps_the_best_epoch() {
 }
 
 #[test]
-fn a_saved_diagnoser_reads_back_and_broken_or_foreign_folders_are_refused_by_name() {
+fn a_saved_diagnoser_reads_back_and_broken_or_foreign_folders_are_rejected_by_name() {
     let source = synthetic(20, true);
     let at = Temporary::new("model");
     let config = DiagnoserConfig { epochs: 1, method: Method::D, ..small() };
@@ -355,7 +355,7 @@ fn a_saved_diagnoser_reads_back_and_broken_or_foreign_folders_are_refused_by_nam
 }
 
 #[test]
-fn data_that_cannot_serve_the_configuration_is_refused_before_training() {
+fn data_that_cannot_serve_the_configuration_is_rejected_before_training() {
     let source = synthetic(20, true);
     let refuse = |config: DiagnoserConfig, source: &Synthetic| {
         let at = Temporary::new("refused");

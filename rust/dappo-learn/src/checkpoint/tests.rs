@@ -95,7 +95,7 @@ fn only_names_of_eight_digits_are_checkpoints_and_foreign_folders_stay() {
 }
 
 #[test]
-fn damaged_and_foreign_checkpoints_are_refused_by_name() {
+fn damaged_and_foreign_checkpoints_are_rejected_by_name() {
     let scratch = Scratch::new();
     let at = &scratch.0;
     write(at, 1, "content");
@@ -114,7 +114,7 @@ fn damaged_and_foreign_checkpoints_are_refused_by_name() {
 }
 
 #[test]
-fn names_that_lead_elsewhere_and_files_that_no_manifest_lists_are_refused() {
+fn names_that_lead_elsewhere_and_files_that_no_manifest_lists_are_rejected() {
     let (scratch, elsewhere) = (Scratch::new(), Scratch::new());
     let at = &scratch.0;
     write(at, 1, "content");

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_checkpoints_have_built_in_is_refused_by_name_with_both_values_and_a_reason() {
+    fn what_checkpoints_have_built_in_is_rejected_by_name_with_both_values_and_a_reason() {
         let message = changed(&["ppo.gamma=0.9", "ppo.hidden=[32]"]).unwrap_err().to_string();
         assert_eq!(
             message,
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_that_keeps_its_value_is_no_change_and_bad_values_are_refused_as_ever() {
+    fn a_setting_that_keeps_its_value_is_no_change_and_bad_values_are_rejected_as_ever() {
         assert_eq!(changed(&["ppo.hidden=[16]", "seed=0", "ppo.learning_rate=0.001"]).unwrap(), config());
         assert!(changed(&["ppo.gama=0.9"]).unwrap_err().to_string().contains("gama"));
         assert!(changed(&["ppo.clip_range=2"]).unwrap_err().to_string().contains("`ppo.clip_range` is 2"));

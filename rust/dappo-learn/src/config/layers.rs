@@ -23,6 +23,13 @@ pub struct Layers {
 }
 
 impl Layers {
+    /// What a user has given one by one.
+    pub fn of(assignments: &[Assignment]) -> Result<Self, LearnError> {
+        let mut layers = Self::default();
+        layers.assign(assignments)?;
+        Ok(layers)
+    }
+
     /// Lays a TOML text over what is there; `source` names it in errors.
     pub fn add_toml(&mut self, text: &str, source: &str) -> Result<(), LearnError> {
         let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
@@ -142,9 +149,7 @@ impl Layers {
             },
             other => faults.add("ppo.preset", format!("is {other}, expected the name of a preset")),
         }
-        let preset = toml::Table::try_from(preset)
-            .map_err(|error| LearnError::Invalid(format!("cannot write the preset: {error}")))?;
-        for (key, value) in preset {
+        for (key, value) in preset.to_table()? {
             ppo.entry(key).or_insert(value);
         }
         Ok(faults)
@@ -274,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_and_impossible_values_are_refused() {
+    fn unknown_keys_and_impossible_values_are_rejected() {
         for (text, part) in [
             ("sead = 1", "`sead` is not a setting; did you mean `seed`?"),
             ("[env]\nnum_env = 3", "`env.num_env`"),
@@ -383,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_and_values_of_assignments_that_are_none_are_refused() {
+    fn keys_and_values_of_assignments_that_are_none_are_rejected() {
         for assignment in ["=1", "ppo.=1", ".ppo=1", "ppo..gamma=1", "robot=[", "robot='a", "robot={"] {
             let refused = toy("").set_assignment(assignment);
             assert!(matches!(refused, Err(LearnError::Invalid(_))), "{assignment}");
@@ -394,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn deeply_nested_toml_is_refused_and_ends_no_stack() {
+    fn deeply_nested_toml_is_rejected_and_ends_no_stack() {
         let nested = format!("{}1{}", "[".repeat(200_000), "]".repeat(200_000));
         assert!(toy("").set_assignment(&format!("robot={nested}")).is_err());
         assert!(toy("").add_toml(&format!("robot = {nested}"), "deep.toml").is_err());

@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn other_classes_and_empty_sides_are_refused() {
+    fn other_classes_and_empty_sides_are_rejected() {
         let mut foreign = run(2, Encoding::True, [1.0; 4]);
         foreign.evaluation.classes[3].name = "class 4".into();
         let known = run(1, Encoding::True, [1.0; 4]);

@@ -316,7 +316,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn velocities_read_back_from_an_evaluation_and_other_files_are_refused() {
+    fn velocities_read_back_from_an_evaluation_and_other_files_are_rejected() {
         let stored = serde_json::to_string(&evaluation([f64::NAN; 4])).unwrap();
         let names: Vec<String> = (0..4).map(|class| format!("class {class}")).collect();
         let of = |text: &str, names: &[String]| {

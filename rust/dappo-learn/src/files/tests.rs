@@ -5,7 +5,7 @@ use super::testing::{Fault, Scratch, everywhere};
 use super::*;
 
 #[test]
-fn what_is_no_regular_file_is_refused_in_words_and_at_once() {
+fn what_is_no_regular_file_is_rejected_in_words_and_at_once() {
     let scratch = Scratch::new();
     let at = |name: &str| scratch.0.join(name);
     fs::write(at("text"), "text").unwrap();
@@ -122,7 +122,7 @@ fn what_a_living_process_writes_is_not_swept() {
 }
 
 #[test]
-fn a_folder_that_lies_elsewhere_is_refused() {
+fn a_folder_that_lies_elsewhere_is_rejected() {
     let (scratch, elsewhere) = (Scratch::new(), Scratch::new());
     own_folder(&scratch.0.join("new/eval")).unwrap();
     own_folder(&scratch.0.join("new/eval")).unwrap();

@@ -113,13 +113,25 @@ impl PpoConfig {
         }
     }
 
-    /// The preset whose values these are, wherever they are computed; `None` if some were changed.
-    #[must_use]
-    pub fn preset_name(&self) -> Option<&'static str> {
+    /// The preset with the fewest other values, wherever they are computed, and the settings that differ from it, each
+    /// as `ppo.KEY = VALUE`.
+    pub fn closest_preset(&self) -> Result<(&'static str, Vec<String>)> {
         let (device, gradients) = (self.device, self.gradients);
-        PRESETS
-            .into_iter()
-            .find(|name| Self::preset(name).is_ok_and(|preset| Self { device, gradients, ..preset } == *self))
+        let own = self.to_table()?;
+        let differences = PRESETS.into_iter().map(|name| {
+            let preset = Self { device, gradients, ..Self::preset(name)? }.to_table()?;
+            let changed = own.iter().filter(|(key, value)| preset.get(*key) != Some(*value));
+            Ok((name, changed.map(|(key, value)| format!("ppo.{key} = {value}")).collect::<Vec<_>>()))
+        });
+        let differences = differences.collect::<Result<Vec<_>>>()?;
+        let closest = differences.into_iter().min_by_key(|(_, changed)| changed.len());
+        closest.ok_or_else(|| LearnError::Invalid("there are no presets".into()))
+    }
+
+    /// Its settings as TOML.
+    pub(crate) fn to_table(&self) -> Result<toml::Table> {
+        toml::Table::try_from(self)
+            .map_err(|error| LearnError::Invalid(format!("cannot write the settings of PPO: {error}")))
     }
 
     /// Where gradients and Adam's steps come from.
@@ -196,24 +208,26 @@ mod tests {
         for name in PRESETS {
             let preset = PpoConfig::preset(name).unwrap();
             preset.check().unwrap();
-            assert_eq!(preset.preset_name(), Some(name));
+            assert_eq!(preset.closest_preset().unwrap(), (name, Vec::new()));
             let elsewhere = PpoConfig { device: LearnerDevice::Wgpu, ..preset.clone() };
-            assert_eq!(elsewhere.preset_name(), Some(name));
-            assert_eq!(PpoConfig { gamma: 0.9, ..preset }.preset_name(), None);
+            assert_eq!(elsewhere.closest_preset().unwrap(), (name, Vec::new()));
+            let changed = PpoConfig { gamma: 0.9, hidden: vec![64], ..preset };
+            let settings = ["ppo.gamma = 0.9", "ppo.hidden = [64]"].map(ToOwned::to_owned).to_vec();
+            assert_eq!(changed.closest_preset().unwrap(), (name, settings));
         }
         let message = PpoConfig::preset("fast").unwrap_err().to_string();
         assert_eq!(message, "preset is \"fast\", expected \"paper\" or \"batch\"");
     }
 
     #[test]
-    fn missing_keys_take_defaults_and_unknown_keys_are_refused() {
+    fn missing_keys_take_defaults_and_unknown_keys_are_rejected() {
         let config: PpoConfig = toml::from_str("gamma = 0.9").unwrap();
         assert_eq!(config, PpoConfig { gamma: 0.9, ..PpoConfig::default() });
         assert!(toml::from_str::<PpoConfig>("gama = 0.9").unwrap_err().to_string().contains("gama"));
     }
 
     #[test]
-    fn settings_outside_their_range_are_refused_by_name() {
+    fn settings_outside_their_range_are_rejected_by_name() {
         let bad = PpoConfig { gamma: 1.0, ..PpoConfig::default() };
         assert_eq!(bad.check().unwrap_err().to_string(), "`gamma` is 1, expected a number in [0, 1)");
         let bad = PpoConfig { learning_rate: f64::NAN, ..PpoConfig::default() };

@@ -18,7 +18,7 @@ pub struct Event {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum EventKind {
-    /// The robot does not move as expected: an examination begins.
+    /// The robot does not move as expected: a diagnosis window begins.
     Suspected {
         /// Mean forward velocity over the last steps, m/s.
         forward_velocity: f64,
@@ -27,7 +27,7 @@ pub enum EventKind {
         /// Median residual over the last steps; none without a twin.
         residual: Option<f64>,
     },
-    /// An examination has ended.
+    /// A diagnosis window has ended.
     Diagnosed {
         /// The most probable class.
         class: usize,
@@ -51,11 +51,11 @@ pub enum EventKind {
         /// Median residual of the healthy twin.
         healthy: f64,
     },
-    /// Some readings are not finite; the last finite ones are held, and nothing is compared.
-    ReadingsLost {
-        /// How many entries of the observation.
-        faults: usize,
+    /// Some entries of the observation are not finite; their last finite values are used, and nothing is compared.
+    ObservationInvalid {
+        /// How many entries.
+        entries: usize,
     },
-    /// All readings are finite again.
-    ReadingsBack,
+    /// All entries of the observation are finite again.
+    ObservationValid,
 }

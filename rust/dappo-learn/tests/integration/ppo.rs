@@ -178,7 +178,7 @@ fn a_training_that_diverges_says_so_and_leaves_no_network_of_no_use() {
 }
 
 #[test]
-fn a_checkpoint_whose_weights_are_not_finite_is_refused_with_its_path() {
+fn a_checkpoint_whose_weights_are_not_finite_is_rejected_with_its_path() {
     let dir = temporary("not-finite");
     learner(&small()).save(&dir).unwrap();
     let path = dir.join("value.bpk");
@@ -193,7 +193,7 @@ fn a_checkpoint_whose_weights_are_not_finite_is_refused_with_its_path() {
 }
 
 #[test]
-fn checkpoints_of_other_networks_and_missing_files_are_refused_with_their_path() {
+fn checkpoints_of_other_networks_and_missing_files_are_rejected_with_their_path() {
     let dir = temporary("mismatch");
     learner(&small()).save(&dir).unwrap();
     let other = PpoConfig { hidden: vec![8], ..small() };
@@ -206,7 +206,7 @@ fn checkpoints_of_other_networks_and_missing_files_are_refused_with_their_path()
 }
 
 #[test]
-fn a_rollout_of_another_shape_is_refused_by_name() {
+fn a_rollout_of_another_shape_is_rejected_by_name() {
     let mut ppo = learner(&small());
     let mut rollout = play(&ppo, 0);
     let targets = gae(&rollout, 0.9, 0.9).unwrap();

@@ -91,7 +91,7 @@ proptest! {
     }
 
     #[test]
-    fn an_env_state_reads_back_to_the_bit_and_a_changed_one_is_refused_or_as_long(
+    fn an_env_state_reads_back_to_the_bit_and_a_changed_one_is_rejected_or_as_long(
         state in env_states(), splice in splice()
     ) {
         let folder = scratch("env-state");
@@ -117,7 +117,7 @@ proptest! {
     }
 
     #[test]
-    fn a_checkpoint_with_a_changed_file_is_refused_by_name(splice in splice()) {
+    fn a_checkpoint_with_a_changed_file_is_rejected_by_name(splice in splice()) {
         let folder = scratch("checkpoint");
         let progress = Progress { iteration: 1, env_steps: 10, stage: 0 };
         let content = b"the weights of a network";

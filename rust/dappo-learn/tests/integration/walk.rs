@@ -98,7 +98,7 @@ fn every_agent_walks_the_same_episodes_and_no_more_of_them_is_kept_than_asked_fo
 }
 
 #[test]
-fn damage_after_the_end_of_the_episodes_is_refused() {
+fn damage_after_the_end_of_the_episodes_is_rejected() {
     let at = |step| onset_at(step, &config(2, true), &Factory::new(2));
     assert_eq!(at(2).unwrap(), Onset { first: 2, last: 2 });
     let message = at(STEPS).unwrap_err().to_string();

@@ -96,7 +96,7 @@ fn a_minibatch_is_the_rows_that_it_names_in_their_order() {
 }
 
 #[test]
-fn rows_of_another_width_are_refused() {
+fn rows_of_another_width_are_rejected() {
     let message =
         net(&[6, 5, 2], &Device::flex()).frozen().unwrap().apply(&[0.0; 7]).unwrap_err().to_string();
     assert!(message.contains("7 elements, expected 6"), "{message}");

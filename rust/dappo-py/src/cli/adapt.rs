@@ -44,6 +44,9 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
     }
     let pool = Pool::new(arguments.simulation.threads())?;
     let scene = Scene::open(py, arguments)?;
+    if arguments.video.is_some() {
+        film::check_camera(py, &scene.real, &arguments.camera)?;
+    }
     let trial = scene.trial(arguments).or_raise()?;
     let interrupted = caller.watch()?;
     let walked = pool.run(py, || scene.walk(wanted, &trial, &interrupted))?;
@@ -64,7 +67,7 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
     if let (Some(path), Some(episode)) = (&arguments.video, contest.adapted.episodes.first()) {
         let walker = Walker::Controller(scene.classes.known_names.clone());
         let film = Film { episode, walker, factory: &scene.real };
-        film.write(py, path, None, caller)?;
+        film.write(py, path, &arguments.camera, None, caller)?;
     }
     Ok(0)
 }

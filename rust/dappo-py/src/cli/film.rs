@@ -62,14 +62,15 @@ impl Film<'_> {
         &self,
         py: Python<'_>,
         path: &Path,
-        options: Option<(&str, usize)>,
+        camera: &str,
+        strip: Option<usize>,
         caller: &Caller,
     ) -> PyResult<()> {
         caller.leave_to_python(py)?;
         let bar = bar(0, matches!(caller, Caller::Terminal));
         let keywords = PyDict::new(py);
-        if let Some((camera, strip)) = options {
-            keywords.set_item("camera", camera)?;
+        keywords.set_item("camera", camera)?;
+        if let Some(strip) = strip {
             keywords.set_item("strip", strip)?;
         }
         keywords.set_item("progress", progress(py, bar.clone())?)?;

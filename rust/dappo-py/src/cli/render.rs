@@ -22,9 +22,7 @@ use crate::run_robot::OpenRun;
 pub fn run(py: Python<'_>, arguments: &RenderArgs, caller: &Caller) -> PyResult<i32> {
     let (camera, strip) = (arguments.walk.camera.as_str(), arguments.strip.count());
     film::check(py, &arguments.out, Some(strip))?;
-    film_walk(py, &arguments.walk, caller, |film| {
-        film.write(py, &arguments.out, Some((camera, strip)), caller)
-    })
+    film_walk(py, &arguments.walk, caller, |film| film.write(py, &arguments.out, camera, Some(strip), caller))
 }
 
 pub fn view(py: Python<'_>, arguments: &ViewArgs, caller: &Caller) -> PyResult<i32> {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use dappo_learn::Result;
 use dappo_learn::config::{Assignment, Config, change};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::episodes::EpisodeSummary;
@@ -46,7 +47,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
         None => (create(py, arguments, &config, &factory, given, pool.num_threads())?, None),
     };
     if !arguments.json {
-        note!("{}", describe(&config, &factory, &run));
+        note!("{}", describe(&config, &factory, &run).or_raise()?);
         note!("{}", factory.describe(factory.training_physics()));
     }
 
@@ -135,18 +136,20 @@ fn create(
     RunFolder::create(&root, config, &meta, &robot).or_raise()
 }
 
-fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> String {
-    format!(
-        "{} · {} · PPO preset {} · {} envs × {} steps · reward {} · {} env steps → {}",
+fn describe(config: &Config, factory: &TableFactory, run: &RunFolder) -> Result<String> {
+    let (preset, changed) = config.ppo.closest_preset()?;
+    let changed =
+        if changed.is_empty() { String::new() } else { format!(", changed: {}", changed.join(", ")) };
+    Ok(format!(
+        "{} · {} · PPO preset {preset}{changed} · {} envs × {} steps · reward {} · {} env steps → {}",
         factory.robot().name,
         config.learner(),
-        config.ppo.preset_name().unwrap_or("changed"),
         config.env.num_envs,
         config.horizon,
         factory.reward_name(config),
         config.total_steps,
         run.root().display()
-    )
+    ))
 }
 
 /// Shows iterations.

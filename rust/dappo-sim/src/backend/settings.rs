@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn auto_falls_back_with_the_reason_and_a_wish_for_lanes_is_refused_with_it() {
+    fn auto_falls_back_with_the_reason_and_a_wish_for_lanes_is_rejected_with_it() {
         let note = BackendKind::Auto.lane_table(unsupported).unwrap().err().unwrap();
         assert!(note.contains("it has wheels"), "{note}");
         let refusal = BackendKind::Lanes.lane_table(unsupported).err().unwrap();
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_names_are_refused_with_the_known_ones() {
+    fn unknown_names_are_rejected_with_the_known_ones() {
         let message = BackendKind::parse("brax").unwrap_err().to_string();
         assert_eq!(message, "backend is `brax`, expected one of `auto`, `lanes`, `mujoco`");
         let message = Precision::parse("f16").unwrap_err().to_string();
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn every_device_reads_back_from_its_name_and_others_are_refused() {
+    fn every_device_reads_back_from_its_name_and_others_are_rejected() {
         for (name, device) in [
             ("auto", Device::Auto),
             ("cpu", Device::Cpu),

@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_spaces_are_refused() {
+    fn impossible_spaces_are_rejected() {
         let types = || vec!["jammed_joint".to_owned()];
         assert!(DamageSpace::new(0, types(), 0).is_err());
         assert!(DamageSpace::new(4, types(), 5).is_err());

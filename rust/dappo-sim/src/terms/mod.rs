@@ -27,5 +27,5 @@ pub struct Signals<'a> {
     /// Velocity of the main body along +x over the step, m/s.
     pub forward_velocity: f64,
     /// Whether each limb's touch signal is cut off by its damage, `[limbs]`.
-    pub muted_touch: &'a [bool],
+    pub disabled_touch: &'a [bool],
 }

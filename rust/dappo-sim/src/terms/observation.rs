@@ -55,7 +55,7 @@ impl ObservationTerm {
             }
             Self::Touch => {
                 for ((entry, &address), &muted) in
-                    out.iter_mut().zip(&layout.touch_addresses).zip(signals.muted_touch)
+                    out.iter_mut().zip(&layout.touch_addresses).zip(signals.disabled_touch)
                 {
                     *entry = if !muted && signals.sensordata[address] > 0.0 { 1.0 } else { 0.0 };
                 }

@@ -315,7 +315,7 @@ fn a_state_that_is_set_is_observed_with_the_code_kept() {
 }
 
 #[test]
-fn impossible_settings_are_refused() {
+fn impossible_settings_are_rejected() {
     let base = || config(2, Autoreset::SameStep);
     let refused = |config: VectorEnvConfig| make(config).err().unwrap().to_string();
     let weights = VectorEnvConfig { classes: ClassDistribution::uniform(9), ..base() };
@@ -331,7 +331,7 @@ fn impossible_settings_are_refused() {
 }
 
 #[test]
-fn wrong_arguments_are_refused_and_change_nothing() {
+fn wrong_arguments_are_rejected_and_change_nothing() {
     let mut env = make(config(2, Autoreset::SameStep)).unwrap();
     assert!(env.step(&WALK).unwrap_err().to_string().contains("reset before its first step"));
     assert!(env.set_state(&[0.0; 6], &[0.0; 2], false).unwrap_err().to_string().contains("must be reset"));

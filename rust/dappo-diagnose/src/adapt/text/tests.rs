@@ -26,7 +26,7 @@ fn contest(events: Vec<EventKind>) -> Contest {
     let events = events.into_iter().zip(310..).map(|(kind, step)| Event { robot: 0, step, kind });
     let episode = Episode { events: events.collect(), ..Episode::default() };
     let adapted = Walks { episodes: vec![episode], decision_seconds: Vec::new() };
-    Contest { adapted, oracle: Walks::default(), unadapted: Walks::default(), unaware: None }
+    Contest { adapted, oracle: Walks::default(), no_adaptation: Walks::default(), unaware: None }
 }
 
 fn healthy() -> ClassOutcome {
@@ -34,14 +34,14 @@ fn healthy() -> ClassOutcome {
         class: 0,
         name: "healthy".into(),
         episodes: 4,
-        ended_before: 0,
+        ended_before_onset: 0,
         false_alarms: 1,
         detected: 0,
         median_delay: None,
-        right_at_first: 0,
-        right_at_last: 3,
+        correct_first: 0,
+        correct_last: 3,
         assumed: Vec::new(),
-        examinations: 0.25,
+        diagnosis_windows: 0.25,
         recovered: 0,
         median_recovery: None,
         falls: 0,
@@ -51,7 +51,7 @@ fn healthy() -> ClassOutcome {
         oracle_velocity_kept: Some(2.0),
         adapted: 1500.0,
         oracle: Some(2000.0),
-        unadapted: 2000.0,
+        no_adaptation: 2000.0,
         unaware: None,
     }
 }
@@ -62,10 +62,10 @@ fn jammed() -> ClassOutcome {
     ClassOutcome {
         class: 1,
         name: "jammed@0".into(),
-        ended_before: 2,
+        ended_before_onset: 2,
         detected: 3,
         median_delay: Some(12.0),
-        right_at_first: 2,
+        correct_first: 2,
         assumed: assumed.to_vec(),
         recovered: 1,
         median_recovery: Some(250.0),
@@ -80,7 +80,7 @@ fn jammed() -> ClassOutcome {
 fn unknown() -> ClassOutcome {
     ClassOutcome {
         name: "weak@0".into(),
-        ended_before: 0,
+        ended_before_onset: 0,
         velocity_before: 0.0,
         oracle_velocity_kept: None,
         oracle: None,
@@ -95,15 +95,15 @@ fn summary(classes: Vec<ClassOutcome>) -> AdaptationSummary {
         severe_episodes: 3,
         severe_detected: Some(1.0),
         severe_median_delay: Some(12.0),
-        right_at_first: Some(0.5),
-        right_at_last: Some(0.25),
+        correct_first: Some(0.5),
+        correct_last: Some(0.25),
         recovered: Some(0.125),
         stood_still: Some(0.0),
         fell: Some(0.2),
         kept_of_oracle: Some(0.9),
         kept_of_healthy: Some(0.45),
         adapted_share: Some(0.8),
-        unadapted_share: Some(0.3),
+        no_adaptation_share: Some(0.3),
         unaware_share: Some(-0.1),
         decision_ms: DecisionTime { robots: 8, median: 0.5, p99: 1.25, longest: 30.0 },
     }
@@ -125,8 +125,8 @@ fn a_single_damage_class_shows_the_events_of_its_first_episode_and_its_numbers()
         EventKind::Diagnosed { class: 1, confidence: 1.0, accepted: true },
         EventKind::Adapted { class: 1 },
         EventKind::Withdrawn { class: 1, residual: 0.5, healthy: 0.25 },
-        EventKind::ReadingsLost { faults: 3 },
-        EventKind::ReadingsBack,
+        EventKind::ObservationInvalid { entries: 3 },
+        EventKind::ObservationValid,
     ];
     // 0.05 s a step: 1500 m/s · 0.05 s = 75 m.
     let expected = "\
@@ -137,8 +137,8 @@ fn a_single_damage_class_shows_the_events_of_its_first_episode_and_its_numbers()
           step  313  diagnosis: jammed@0 (100 %)\n  \
           step  314  damage code of the policy: jammed@0\n  \
           step  315  diagnosis withdrawn: jammed@0 (residual of its twin 0.500, of the healthy twin 0.250)\n  \
-          step  316  3 readings lost\n  \
-          step  317  all readings are back\n\
+          step  316  observation: 3 entries are not finite\n  \
+          step  317  observation: all entries are finite again\n\
         jammed@0, 4 episodes\n  \
           left out, ended before the damage: 2\n  \
           damage detected: 3 of 4, after 12 steps (median); false alarms before: 1 of 4\n  \

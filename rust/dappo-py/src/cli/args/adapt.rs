@@ -43,6 +43,10 @@ arguments! {
         /// Draw the first episode into a file: .mp4, .gif, or .png for a strip of frames
         #[arg(long, value_name = "FILE", conflicts_with = "all_classes")]
         pub video: Option<PathBuf>,
+        /// Camera of the video: auto (on the side of the damaged limbs), left, right, front, back, or a camera of the
+        /// MJCF
+        #[arg(long, value_name = "CAMERA", default_value = "auto", requires = "video")]
+        pub camera: String,
         /// The robot.
         #[command(flatten)]
         pub robot: RobotArgs,

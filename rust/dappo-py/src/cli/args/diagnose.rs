@@ -60,7 +60,7 @@ arguments! {
         pub delay: Option<Span>,
         /// Run folder of the policy that walks before the recording [default: the expert]
         #[arg(long, value_name = "RUN")]
-        pub walker: Option<PathBuf>,
+        pub policy: Option<PathBuf>,
         /// Whose actions the twin takes, its own or the damaged robot's, instead of the preset's
         #[arg(long)]
         pub twin_action: Option<OneOf<TwinAction>>,

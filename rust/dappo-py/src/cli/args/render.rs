@@ -41,7 +41,7 @@ pub struct WalkArgs {
     /// Folder of a diagnoser that `diagnose train` made: a controller diagnoses the damage and adapts the policy
     #[arg(long, value_name = "DIR")]
     pub diagnoser: Option<PathBuf>,
-    /// Run folder of the policy that acts during an examination [default: RUN, with the healthy damage code]
+    /// Run folder of the policy that acts during a diagnosis window [default: RUN, with the healthy damage code]
     #[arg(long, value_name = "RUN", requires = "diagnoser")]
     pub expert: Option<PathBuf>,
     /// Camera: auto (on the side of the damaged limbs), left, right, front, back, or a camera of the MJCF

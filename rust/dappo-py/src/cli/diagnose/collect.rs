@@ -23,18 +23,18 @@ use crate::run_robot::{OpenRun, RobotCopy};
 
 pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
     let run = OpenRun::open(py, &arguments.expert, arguments.robot.robot_changed)?;
-    let walker = arguments.walker.as_deref();
-    let walker = walker.map(|walker| run.open_other(py, walker, false)).transpose()?;
+    let policy = arguments.policy.as_deref();
+    let policy = policy.map(|policy| run.open_other(py, policy, false)).transpose()?;
     let OpenRun { folder, mut config, robot, .. } = run;
     settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
     let wanted = collect_config(arguments, &config).or_raise()?;
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
-    let (expert, walker) = pool.run(py, || -> Result<_> {
+    let (expert, policy) = pool.run(py, || -> Result<_> {
         let expert = RunPolicy::trained(&folder, &config, &factory)?;
-        let walker = walker.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
+        let policy = policy.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
         check_twins(&wanted, &factory)?;
-        Ok((expert, walker))
+        Ok((expert, policy))
     })?;
     keep_robot(py, &arguments.out, (folder.root(), &robot))?;
     if !arguments.json {
@@ -45,7 +45,7 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let mut display = Display { watch, out: &arguments.out, steps, begun: None };
     let start = Instant::now();
     let collected =
-        pool.run(py, || collect(&wanted, &factory, &expert, walker.as_ref(), &arguments.out, &mut display));
+        pool.run(py, || collect(&wanted, &factory, &expert, policy.as_ref(), &arguments.out, &mut display));
     display.watch.finish();
     let collected = collected?;
     let seconds = start.elapsed().as_secs_f64();

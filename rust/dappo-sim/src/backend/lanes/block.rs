@@ -118,7 +118,7 @@ impl Block {
             self.read(lane);
             // As after mj_resetData and mj_forward: MuJoCo fills these in on demand, after a step.
             self.cfrc_ext.fill(0.0);
-            let signals = self.signals(lane, nu, table.muted_touch(class), 0.0);
+            let signals = self.signals(lane, nu, table.disabled_touch(class), 0.0);
             task.observe(&signals, &mut obs[lane * stride..][..task.obs_dim()]);
         }
     }
@@ -162,7 +162,7 @@ impl Block {
                 continue;
             }
             let forward = velocity(task, self.before[lane], self.group.evaluated_x(lane));
-            let signals = self.signals(lane, nu, table.muted_touch(classes[lane]), forward);
+            let signals = self.signals(lane, nu, table.disabled_touch(classes[lane]), forward);
             let terminated = task.terminated(&signals);
             outputs.rewards[lane] = task.reward(&signals, terminated);
             outputs.terminated[lane] = terminated;
@@ -238,7 +238,7 @@ impl Block {
         &'a self,
         lane: usize,
         nu: usize,
-        muted_touch: &'a [bool],
+        disabled_touch: &'a [bool],
         forward_velocity: f64,
     ) -> Signals<'a> {
         Signals {
@@ -248,7 +248,7 @@ impl Block {
             cfrc_ext: &self.cfrc_ext,
             sensordata: &self.touch,
             forward_velocity,
-            muted_touch,
+            disabled_touch,
         }
     }
 }

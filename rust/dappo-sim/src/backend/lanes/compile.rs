@@ -18,7 +18,7 @@ pub struct LaneTable {
     models: Vec<Model>,
     /// Positions with which an episode begins, one row a class.
     starts: Vec<Vec<f64>>,
-    muted_touch: Vec<Vec<bool>>,
+    disabled_touch: Vec<Vec<bool>>,
     notes: Vec<String>,
 }
 
@@ -29,18 +29,18 @@ impl LaneTable {
     ///
     /// # Shapes
     /// - `touch_addresses`: `[limbs]`, addresses in sensordata of the touch sensors that are read, or empty
-    /// - `muted_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
+    /// - `disabled_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
     pub fn compile(
         classes: &[ModelArrays],
         main_body: usize,
         touch_addresses: &[usize],
-        muted_touch: Vec<Vec<bool>>,
+        disabled_touch: Vec<Vec<bool>>,
     ) -> Result<Self, SimError> {
-        let Some(healthy) = classes.first().filter(|_| classes.len() == muted_touch.len()) else {
+        let Some(healthy) = classes.first().filter(|_| classes.len() == disabled_touch.len()) else {
             return Err(SimError::Config(format!(
                 "a class table needs one model and one touch mask a class, got {} and {}",
                 classes.len(),
-                muted_touch.len()
+                disabled_touch.len()
             )));
         };
         let mut models = Vec::with_capacity(classes.len());
@@ -57,7 +57,7 @@ impl LaneTable {
         let table = Self {
             models,
             starts: classes.iter().map(|arrays| arrays.qpos0.clone()).collect(),
-            muted_touch,
+            disabled_touch,
             notes: notes(healthy),
         };
         // The engine has conditions of its own, whatever the precision and the instruction set.
@@ -99,8 +99,8 @@ impl LaneTable {
         &self.starts[class]
     }
 
-    pub(super) fn muted_touch(&self, class: usize) -> &[bool] {
-        &self.muted_touch[class]
+    pub(super) fn disabled_touch(&self, class: usize) -> &[bool] {
+        &self.disabled_touch[class]
     }
 }
 

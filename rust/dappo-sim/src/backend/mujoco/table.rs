@@ -8,7 +8,7 @@ use crate::error::SimError;
 /// The compiled models of all damage classes.
 pub struct ModelTable {
     models: Vec<Model>,
-    muted_touch: Vec<Vec<bool>>,
+    disabled_touch: Vec<Vec<bool>>,
     /// `mjtState` bits of everything that the next step depends on.
     pub(super) state_spec: u32,
     _owner: Box<dyn Any + Send + Sync>,
@@ -26,19 +26,19 @@ impl ModelTable {
     /// Every address must be a valid `mjModel` for as long as `owner` lives, all of equal sizes.
     pub unsafe fn new(
         models: &[usize],
-        muted_touch: Vec<Vec<bool>>,
+        disabled_touch: Vec<Vec<bool>>,
         state_spec: u32,
         owner: Box<dyn Any + Send + Sync>,
     ) -> Result<Self, SimError> {
-        if models.is_empty() || models.len() != muted_touch.len() {
+        if models.is_empty() || models.len() != disabled_touch.len() {
             return Err(SimError::Config(format!(
                 "a class table needs one model and one touch mask a class, got {} and {}",
                 models.len(),
-                muted_touch.len()
+                disabled_touch.len()
             )));
         }
         let models = models.iter().map(|&address| address as Model).collect();
-        Ok(Self { models, muted_touch, state_spec, _owner: owner })
+        Ok(Self { models, disabled_touch, state_spec, _owner: owner })
     }
 
     /// Number of classes.
@@ -57,8 +57,8 @@ impl ModelTable {
         self.models[class]
     }
 
-    pub(super) fn muted_touch(&self, class: usize) -> &[bool] {
-        &self.muted_touch[class]
+    pub(super) fn disabled_touch(&self, class: usize) -> &[bool] {
+        &self.disabled_touch[class]
     }
 }
 

@@ -173,7 +173,7 @@ impl Worker {
             cfrc_ext: self.fields.cfrc_ext.get(),
             sensordata: self.fields.sensordata.get(),
             forward_velocity,
-            muted_touch: table.muted_touch(class),
+            disabled_touch: table.disabled_touch(class),
         }
     }
 }
