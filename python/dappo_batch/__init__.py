@@ -25,6 +25,7 @@ from dappo_batch._pickling import NotPicklableError
 from dappo_batch.commands import (
     TrainingOptions,
     adapt,
+    check_robot,
     collect_pairs,
     evaluate,
     evaluate_diagnoser,
@@ -48,6 +49,7 @@ from dappo_batch.results import (
     EvaluationReport,
     Event,
     Meta,
+    RobotReport,
 )
 from dappo_batch.robots import ROBOTS, Limb, Robot, load_robot
 from dappo_batch.runs import Run, load_run
@@ -81,6 +83,7 @@ __all__ = [
     "Policy",
     "RenderError",
     "Robot",
+    "RobotReport",
     "Run",
     "ShapeError",
     "SimulationError",
@@ -88,6 +91,7 @@ __all__ = [
     "VectorEnvOptions",
     "__version__",
     "adapt",
+    "check_robot",
     "collect_pairs",
     "compile_class_table",
     "evaluate",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from os import PathLike, fsdecode, fsencode, stat
 from pathlib import Path
@@ -23,6 +23,7 @@ __all__ = [
     "folder",
     "integer",
     "items",
+    "listed",
     "mapping",
     "real",
     "sequence",
@@ -36,6 +37,13 @@ MOST_ITEMS = 2**24
 """Maximum length of a sequence: the maximum number of envs."""
 MOST = 2**63 - 1
 """The largest integer that the native code accepts."""
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Return different names as a list, with the number of those that are left out."""
+    every = list(dict.fromkeys(names))
+    more = [f"and {len(every) - most} more"] if len(every) > most else []
+    return ", ".join([*every[:most], *more])
 
 
 def shown(value: object) -> str:

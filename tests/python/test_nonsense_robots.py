@@ -10,8 +10,6 @@ import pytest
 import dappo_batch
 from dappo_batch import ConfigError
 from dappo_batch._core import run_cli
-from dappo_batch.model import check_robot
-from dappo_batch.robots import load_robot
 
 ROBOTS = Path(__file__).parent / "robots"
 Edits = tuple[tuple[str, str], ...]
@@ -284,7 +282,7 @@ def test_a_camera_that_the_mjcf_lacks_is_refused_with_the_existing_ones(
     assert "[pictures] camera: " in message
     assert reason in message
     with pytest.raises(ConfigError, match="no camera 'side'"):
-        check_robot(load_robot(path))
+        dappo_batch.check_robot(path)
 
 
 def test_the_camera_of_the_mjcf_and_no_camera_are_accepted(folder: Path) -> None:
@@ -337,7 +335,7 @@ def test_a_ball_after_the_robot_is_accepted(folder: Path) -> None:
 
 def test_a_limb_needs_a_toe_geom_for_a_missing_toe_alone(folder: Path) -> None:
     path = toy(folder, toml=(('toe_geom = "north_toe"\n', ""),))
-    assert load_robot(path).limbs[0].toe_geom is None
+    assert dappo_batch.load_robot(path).limbs[0].toe_geom is None
     table = dappo_batch.compile_class_table(path, types=["jammed_joint"], max_damaged_limbs=1)
     assert len(table.models) == 4
     with pytest.raises(ConfigError, match="limb north has no toe_geom"):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dappo_batch._core import ConfigError
 from dappo_batch.envs import make_vec
 from dappo_batch.envs.options import Backend, Precision
+from dappo_batch.model.robot_spec import read_robot_spec
 from dappo_batch.robots import Robot
 
 __all__ = ["SIMULATORS", "Simulator", "Unavailable", "Workload"]
@@ -51,8 +52,8 @@ class Workload:
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The MJCF as compiled by MuJoCo, without the edits that make this package faster."""
-        return mujoco.MjModel.from_xml_path(str(self.robot.mjcf_path))
+        """The robot as compiled by MuJoCo, without the edits that make this package faster."""
+        return read_robot_spec(self.robot)[0].compile()
 
     @property
     def limits(self) -> tuple[float, float, int]:

@@ -7,6 +7,7 @@ exceptions. Ctrl-C stops them gracefully and raises ``KeyboardInterrupt``; `resu
 from __future__ import annotations
 
 from dappo_batch.commands.adaptation import adapt
+from dappo_batch.commands.check import check_robot
 from dappo_batch.commands.diagnosis import collect_pairs, evaluate_diagnoser, train_diagnoser
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions
 from dappo_batch.commands.training import evaluate, resume, train
@@ -18,6 +19,7 @@ __all__ = [
     "Simulation",
     "TrainingOptions",
     "adapt",
+    "check_robot",
     "collect_pairs",
     "evaluate",
     "evaluate_diagnoser",

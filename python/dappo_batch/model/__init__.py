@@ -6,8 +6,8 @@ from dappo_batch.model.class_table import (
     ClassTable,
     ClassTableError,
     Physics,
-    check_robot,
+    check_damage_types,
     compile_class_table,
 )
 
-__all__ = ["ClassTable", "ClassTableError", "Physics", "check_robot", "compile_class_table"]
+__all__ = ["ClassTable", "ClassTableError", "Physics", "check_damage_types", "compile_class_table"]

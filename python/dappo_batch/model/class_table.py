@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import mujoco
 
@@ -14,22 +14,29 @@ from dappo_batch.damage import DamageType, make_damage_type
 from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
 from dappo_batch.model.requirements import find_parts
+from dappo_batch.model.robot_spec import read_robot_spec
+from dappo_batch.model.simplify import INTEGRATORS
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import raise_faults
-from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from dappo_batch._core import DamageClass
+    from dappo_batch.results import Edit
 
-__all__ = ["ClassTable", "ClassTableError", "Physics", "check_robot", "compile_class_table"]
+__all__ = [
+    "ClassTable",
+    "ClassTableError",
+    "Physics",
+    "check_damage_types",
+    "compile_class_table",
+    "damage_refusals",
+]
 
 Physics: TypeAlias = Literal["rk4", "euler"]
 """Integrator of the physics."""
-
-_INTEGRATORS = {"rk4": mujoco.mjtIntegrator.mjINT_RK4, "euler": mujoco.mjtIntegrator.mjINT_EULER}
 
 _MOST_MEMORY = 4 << 30
 """Limit of all compiled models, bytes."""
@@ -66,6 +73,8 @@ class ClassTable:
         Per limb, the index of its touch signal in ``sensordata``; empty if the robot has no touch sensors.
     main_body : int
         Id of the body whose x position defines the forward velocity.
+    edits : tuple of Edit
+        What ``[simplify]`` and ``[[override]]`` of the robot TOML changed.
     """
 
     robot: Robot
@@ -76,6 +85,7 @@ class ClassTable:
     limb_bodies: tuple[tuple[int, ...], ...]
     touch_addresses: tuple[int, ...]
     main_body: int
+    edits: tuple[Edit, ...]
 
     @property
     def hidden_state(self) -> str:
@@ -151,16 +161,12 @@ def compile_class_table(
     space = DamageSpace(len(robot.limbs), names, limit)
 
     with quiet_mujoco():
-        base = _read_mjcf(robot, physics)
+        base, edits = _read_spec(robot, physics)
         healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
         _check_memory(robot, healthy, len(space.classes))
         parts = find_parts(robot, healthy)
         raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
-        damaged = (_compile_class(base, robot, item, kinds, severity) for item in space.classes[1:])
-        models = (healthy, *damaged)
-    sizes = _sizes(healthy)
-    for damage_class, model in zip(space.classes, models, strict=True):
-        _check_sizes(robot, damage_class, sizes, _sizes(model))
+        models = (healthy, *_compile_damaged(base, robot, space, kinds, severity, _sizes(healthy)))
     return ClassTable(
         robot=robot,
         space=space,
@@ -172,11 +178,12 @@ def compile_class_table(
         limb_bodies=parts.limb_bodies,
         touch_addresses=parts.touch_addresses,
         main_body=parts.main_body,
+        edits=edits,
     )
 
 
-def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
-    """Check that a robot's MJCF matches its TOML, and that every damage type can be applied to every limb.
+def check_damage_types(robot: Robot, types: Sequence[str]) -> None:
+    """Check that the MJCF of a robot matches its TOML, and that damage types can be applied to every limb.
 
     It takes the time of compiling two or three classes, however many classes the robot has.
 
@@ -185,13 +192,27 @@ def check_robot(robot: Robot, types: Sequence[str] | None = None) -> None:
     ConfigError
         With all faults.
     """
-    names = list(robot.damage_types if types is None else types)
-    kinds = _damage_types(robot, names, {})
+    kinds = _damage_types(robot, types, {})
     with quiet_mujoco():
-        base = _read_mjcf(robot, None)
-        healthy = DamageSpace(len(robot.limbs), names, 0).classes[0]
+        base, _ = _read_spec(robot, None)
+        healthy = DamageSpace(len(robot.limbs), types, 0).classes[0]
         find_parts(robot, _compile_class(base, robot, healthy, kinds, 1.0))
         raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds, 1.0))
+
+
+def damage_refusals(robot: Robot, types: Sequence[str]) -> dict[str, list[str]]:
+    """Return why damage types cannot be applied to limbs, by the types that cannot.
+
+    Raises
+    ------
+    ConfigError
+        If a type does not exist or a parameter is invalid, or the MJCF cannot be read.
+    """
+    kinds = _damage_types(robot, types, {})
+    with quiet_mujoco():
+        base, _ = _read_spec(robot, None)
+        found = {name: _unfit_limbs(base, robot, {name: kind}, 1.0) for name, kind in kinds.items()}
+    return {name: faults for name, faults in found.items() if faults}
 
 
 def _unfit_limbs(
@@ -237,18 +258,13 @@ def _damage_types(
     return kinds
 
 
-def _read_mjcf(robot: Robot, physics: str | None) -> mujoco.MjSpec:
-    raise_faults(f"robot {robot.name}: the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
-    try:
-        spec = read_mjcf(robot.mjcf_path)
-        spec.compiler.usethread = False  # the user chooses the number of threads
-    except MUJOCO_ERRORS as error:
-        raise ConfigError(f"robot {robot.name}: MuJoCo cannot read {robot.mjcf_path}: {error}") from error
+def _read_spec(robot: Robot, physics: str | None) -> tuple[mujoco.MjSpec, tuple[Edit, ...]]:
+    spec, edits = read_robot_spec(robot)
     if physics is not None:
-        if not isinstance(physics, str) or physics not in _INTEGRATORS:
-            raise ConfigError(f"physics must be one of {', '.join(_INTEGRATORS)}, got {shown(physics)}")
-        spec.option.integrator = _INTEGRATORS[physics]
-    return spec
+        if not isinstance(physics, str) or physics not in get_args(Physics):
+            raise ConfigError(f"physics must be one of {', '.join(get_args(Physics))}, got {shown(physics)}")
+        spec.option.integrator = INTEGRATORS[physics]
+    return spec, edits
 
 
 def _compile_class(
@@ -270,9 +286,27 @@ def _compile_class(
             raise ConfigError(
                 f"robot {robot.name}: MuJoCo cannot compile {robot.mjcf_path}: {error}"
             ) from error
-        raise ClassTableError(
-            f"robot {robot.name}: damage class {damage_class.name} does not compile: {error}"
-        ) from error
+        raise ClassTableError(f"damage class {damage_class.name} does not compile: {error}") from error
+
+
+def _compile_damaged(
+    base: mujoco.MjSpec,
+    robot: Robot,
+    space: DamageSpace,
+    kinds: Mapping[str, DamageType],
+    severity: float,
+    sizes: Mapping[str, int],
+) -> list[mujoco.MjModel]:
+    models, faults = [], []
+    for damage_class in space.classes[1:]:
+        try:
+            model = _compile_class(base, robot, damage_class, kinds, severity)
+            _check_sizes(damage_class, sizes, _sizes(model))
+            models.append(model)
+        except ClassTableError as error:
+            faults.append(str(error))
+    raise_faults(f"robot {robot.name}", faults, ClassTableError)
+    return models
 
 
 def _sizes(model: mujoco.MjModel) -> dict[str, int]:
@@ -282,14 +316,12 @@ def _sizes(model: mujoco.MjModel) -> dict[str, int]:
     return {name: value for name, value in values if isinstance(value, int)}
 
 
-def _check_sizes(
-    robot: Robot, damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]
-) -> None:
+def _check_sizes(damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]) -> None:
     different = [
         f"{name} is {got[name]} instead of {size}" for name, size in expected.items() if got[name] != size
     ]
     if different:
         raise ClassTableError(
-            f"robot {robot.name}: damage class {damage_class.name} has other sizes than the healthy robot:"
+            f"damage class {damage_class.name} has other sizes than the healthy robot:"
             f" {', '.join(different)}; damage may change numbers, but neither add nor remove parts"
         )

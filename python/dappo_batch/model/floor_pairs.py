@@ -15,7 +15,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["make_floor_contacts_explicit"]
+__all__ = ["is_static", "make_floor_contacts_explicit", "masks_match", "touches_itself"]
 
 
 class _ContactParameters(NamedTuple):
@@ -64,16 +64,16 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     special = mujoco.mjtEnableBit.mjENBL_OVERRIDE | mujoco.mjtEnableBit.mjENBL_SLEEP
     if enabled & special or spec.pairs or spec.flexes:
         return False
-    world = [geom for geom in spec.geoms if _is_static(geom.parent)]
-    robot = [geom for geom in spec.geoms if not _is_static(geom.parent)]
+    world = [geom for geom in spec.geoms if is_static(geom.parent)]
+    robot = [geom for geom in spec.geoms if not is_static(geom.parent)]
     if (
         any(map(_is_special, spec.geoms))
-        or _touches_itself(robot)
+        or touches_itself(robot)
         or any(_keeps_apart(spec, item) for item in spec.excludes)
     ):
         return False
 
-    contacts = [(a, b) for a in world for b in robot if _masks_match(a, b)]
+    contacts = [(a, b) for a in world for b in robot if masks_match(a, b)]
     for index, geom in enumerate(spec.geoms):
         geom.name = geom.name or f"geom {index}"
     for a, b in contacts:
@@ -91,7 +91,7 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     return True
 
 
-def _is_static(body: mujoco.MjsBody) -> bool:
+def is_static(body: mujoco.MjsBody) -> bool:
     """Return whether a body cannot move: neither it nor any body above it has a joint."""
     while body.name != "world":
         if body.joints:
@@ -102,7 +102,7 @@ def _is_static(body: mujoco.MjsBody) -> bool:
 
 def _is_root(body: mujoco.MjsBody) -> bool:
     """Return whether a body is the root of a kinematic tree: it can move and no body above it can."""
-    return not _is_static(body) and _is_static(body.parent)
+    return not is_static(body) and is_static(body.parent)
 
 
 def _is_special(geom: mujoco.MjsGeom) -> bool:
@@ -112,7 +112,8 @@ def _is_special(geom: mujoco.MjsGeom) -> bool:
     return is_odd or not geom.margin >= 0
 
 
-def _masks_match(a: mujoco.MjsGeom, b: mujoco.MjsGeom) -> bool:
+def masks_match(a: mujoco.MjsGeom, b: mujoco.MjsGeom) -> bool:
+    """Return whether the masks of two geoms allow their contact."""
     return bool(a.contype & b.conaffinity or b.contype & a.conaffinity)
 
 
@@ -121,12 +122,13 @@ def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:
     one, other = spec.body(exclude.bodyname1), spec.body(exclude.bodyname2)
     if one is None or other is None:
         return True  # the compiler reports the missing body
-    if _is_static(one) == _is_static(other):
+    if is_static(one) == is_static(other):
         return False
-    return any(_masks_match(a, b) for a in one.geoms for b in other.geoms)
+    return any(masks_match(a, b) for a in one.geoms for b in other.geoms)
 
 
-def _touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:
+def touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:
+    """Return whether the masks of some geoms allow contacts between them."""
     # There are few different masks, however many geoms there are.
     masks = {(geom.contype, geom.conaffinity) for geom in geoms}
     return any(a[0] & b[1] for a in masks for b in masks)

@@ -24,7 +24,7 @@ from dappo_batch.render.scene import scene
 from dappo_batch.render.schedule import Schedule, evenly, schedule
 from dappo_batch.render.walk import Walk, of_walk
 
-__all__ = ["INSTALL", "check", "frames", "lacking", "write"]
+__all__ = ["INSTALL", "check", "frames", "lacking", "whole", "write"]
 
 MOST_PIXELS = 16384
 MOST_FRAMES = 64
@@ -140,7 +140,7 @@ def write(
         ".gif": lambda target: encoders.write_gif(target, drawn, plan.seconds),
         ".png": lambda target: encoders.write_png(target, drawn),
     }
-    with _whole(file) as part:
+    with whole(file) as part:
         encode[kind](part)
     return len(plan.states)
 
@@ -209,8 +209,14 @@ def size_of(size: object) -> tuple[int, int]:
 
 
 @contextlib.contextmanager
-def _whole(file: Path) -> Iterator[Path]:
-    """Yield a temporary file, which is renamed when it is complete."""
+def whole(file: Path) -> Iterator[Path]:
+    """Yield a temporary file, which is renamed when it is complete.
+
+    Raises
+    ------
+    RenderError
+        If a file cannot be written.
+    """
     # The name is random, so that no link can exist under it.
     part = file.with_name(f".{file.stem[:100]}.{secrets.token_hex(8)}{file.suffix}")
     try:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dappo_batch._core import DappoError
-from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
+from dappo_batch.model.mujoco_library import quiet_mujoco
+from dappo_batch.model.robot_spec import read_robot_spec
 from dappo_batch.robots import load_robot
 from dappo_batch.robots.copies import COPY_TOML
-from dappo_batch.robots.faults import raise_faults
-from dappo_batch.robots.mjcf import mjcf_faults, read_mjcf
 from dappo_batch.runs import Run
 from dappo_batch.runs.robot_of_run import COPY
 
@@ -22,11 +21,8 @@ def step_seconds(run: Run) -> float | None:
     copy = run.path / COPY / COPY_TOML
     try:
         robot = load_robot(copy if copy.is_file() else run.robot)
-        raise_faults(f"the MJCF {robot.mjcf_path}", mjcf_faults(robot.mjcf_path))
         with quiet_mujoco():
-            timestep = float(read_mjcf(robot.mjcf_path).option.timestep)
+            timestep = float(read_robot_spec(robot)[0].option.timestep)
     except (DappoError, OSError):
-        return None
-    except MUJOCO_ERRORS:
         return None
     return timestep * int(robot.spec["frame_skip"])

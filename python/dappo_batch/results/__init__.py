@@ -33,9 +33,11 @@ from dappo_batch.results.evaluation import (
     RunSummary,
     Side,
 )
+from dappo_batch.results.robots import ActuatorInfo, Edit, JointInfo, Reason, RobotReport
 from dappo_batch.results.runs import Change, Meta
 
 __all__ = [
+    "ActuatorInfo",
     "AdaptationReport",
     "AdaptationSummary",
     "AssumedClass",
@@ -49,15 +51,19 @@ __all__ = [
     "DecisionTime",
     "DiagnoserReport",
     "DiagnosisSummary",
+    "Edit",
     "EpochMetrics",
     "Estimate",
     "EvaluationReport",
     "Event",
     "Gain",
     "GroupResult",
+    "JointInfo",
     "Meta",
     "Mistake",
+    "Reason",
     "Result",
+    "RobotReport",
     "RunEvaluation",
     "RunSummary",
     "Side",

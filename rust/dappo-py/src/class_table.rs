@@ -42,6 +42,17 @@ pub struct ClassTable<'py> {
     pub layout: Layout,
 }
 
+/// Why the lane engine cannot simulate the robot of a class table; empty if it can.
+#[pyfunction]
+pub fn lane_refusals(table: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let table = ClassTable::read(table)?;
+    match LaneTable::compile(&table.arrays()?, table.layout.main_body, table.muted_touch()?) {
+        Ok(_) => Ok(Vec::new()),
+        Err(SimError::Unsupported(why)) => Ok(vec![why]),
+        Err(error) => Err(error).or_raise(),
+    }
+}
+
 impl<'py> ClassTable<'py> {
     /// Reads a `dappo_batch.model.ClassTable`.
     pub fn read(object: &Bound<'py, PyAny>) -> PyResult<Self> {

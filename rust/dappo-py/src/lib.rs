@@ -36,6 +36,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<diagnoser::PyDiagnoser>()?;
     module.add_class::<testing::exported_networks::PyExportedNetworks>()?;
     module.add_class::<testing::lane_worlds::PyLaneWorlds>()?;
+    module.add_function(wrap_pyfunction!(class_table::lane_refusals, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_faults, module)?)?;
     module.add_function(wrap_pyfunction!(testing::rollout::collect_rollout, module)?)?;
     module.add_function(wrap_pyfunction!(files::read_file, module)?)?;

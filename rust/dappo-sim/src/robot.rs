@@ -3,6 +3,7 @@
 mod entries;
 mod faults;
 mod nesting;
+mod simplify;
 
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -38,6 +39,12 @@ pub struct Robot {
     pub observation: Observation,
     /// Reward functions by name, and the default one.
     pub reward: RewardSection,
+    /// Simplifications of the MJCF, which Python applies before it compiles.
+    #[serde(default)]
+    pub simplify: Option<toml::Table>,
+    /// Changes of joints, actuators and geoms, which Python applies after them.
+    #[serde(default, rename = "override")]
+    pub overrides: Vec<toml::Table>,
     /// Hints for rendering, read by Python alone.
     #[serde(default)]
     pub pictures: Option<toml::Table>,
@@ -289,6 +296,103 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
             let faults = Robot::faults(&GOOD.replace(old, new));
             assert!(faults.iter().any(|found| found.contains(fault)), "{new} gave {faults:?}");
             assert!(Robot::from_toml(&GOOD.replace(old, new)).unwrap_err().to_string().contains(fault));
+        }
+    }
+
+    #[test]
+    fn simplifications_and_overrides_without_faults_are_accepted() {
+        let text = format!(
+            "{GOOD}
+[simplify]
+self_collision = false
+floor_contacts = [\"toe\"]
+cone = \"pyramidal\"
+timestep = 0.004
+integrator = \"implicitfast\"
+impratio = 1
+condim = 3
+[[override]]
+joints = \".*\"
+armature = 0.01
+damping = 1
+frictionloss = 0
+stiffness = 0.0
+range = [-1, 1]
+[[override]]
+actuators = \"a1\"
+kp = 20
+kd = 0.5
+force_range = [-20, 20.0]
+ctrl_range = [-1, 1]
+control = \"position\"
+gear = -1
+[[override]]
+geoms = \"toe\"
+friction = 0.8
+condim = 1
+solref = [0.02, 1]
+solimp = [0.9, 0.95, 0.001]
+margin = 0.001
+"
+        );
+        assert_eq!(Robot::faults(&text), Vec::<String>::new());
+        let robot = Robot::from_toml(&text).unwrap();
+        assert_eq!((robot.simplify.unwrap().len(), robot.overrides.len()), (7, 3));
+    }
+
+    #[test]
+    fn every_fault_of_simplifications_and_overrides_is_named_with_what_is_expected() {
+        for (text, fault) in [
+            ("simplify = 3", "`simplify` is 3, expected a table [simplify]"),
+            (
+                "[simplify]\nself_collison = false",
+                "[simplify]: unknown entries self_collison; expected self_collision",
+            ),
+            ("[simplify]\nself_collision = 0", "`self_collision` is 0, expected true or false"),
+            ("[simplify]\nfloor_contacts = []", "`floor_contacts` is empty"),
+            ("[simplify]\nfloor_contacts = \"FR\"", "`floor_contacts` is \"FR\", expected a list"),
+            ("[simplify]\nfloor_contacts = [\"FR\", \"FR\"]", "`floor_contacts` lists \"FR\" twice"),
+            (
+                "[simplify]\nself_collision = true\nfloor_contacts = [\"FR\"]",
+                "leaves no contact within the robot",
+            ),
+            (
+                "[simplify]\ncone = \"square\"",
+                "`cone` is \"square\", expected one of \"pyramidal\", \"elliptic\"",
+            ),
+            (
+                "[simplify]\nintegrator = \"implicit\"",
+                "`integrator` is \"implicit\", expected one of \"rk4\"",
+            ),
+            ("[simplify]\ntimestep = 0", "`timestep` is 0, expected a number above 0 and at most 10"),
+            ("[simplify]\nimpratio = nan", "`impratio` is nan, expected a number above 0"),
+            ("[simplify]\ncondim = 2", "`condim` is 2, expected one of 1, 3, 4, 6"),
+            ("override = 3", "`override` is 3, expected tables [[override]]"),
+            ("override = [3]", "[[override]] 0: expected a table [[override]], got 3"),
+            ("[[override]]\nkp = 1", "[[override]] 0: it has none of `joints`, `actuators` and `geoms`"),
+            ("[[override]]\njoints = \"a\"\ngeoms = \"b\"", "it has joints and geoms of `joints`"),
+            ("[[override]]\njoints = 1\ndamping = 1", "`joints` is 1, expected a text"),
+            ("[[override]]\njoints = \"a\"", "it changes nothing; expected one of armature, damping"),
+            ("[[override]]\njoints = \"a\"\nkp = 1", "unknown entries kp; expected joints, armature"),
+            ("[[override]]\njoints = \"a\"\ndamping = -1", "`damping` is -1, expected a number from 0"),
+            ("[[override]]\njoints = \"a\"\nrange = [1, 0]", "`range` is a list, expected [low, high]"),
+            ("[[override]]\njoints = \"a\"\nrange = [0, inf]", "`range` is a list, expected [low, high]"),
+            ("[[override]]\nactuators = \"a\"\nkp = 0", "`kp` is 0, expected a number above 0"),
+            (
+                "[[override]]\nactuators = \"a\"\ncontrol = \"speed\"",
+                "expected one of \"position\", \"torque\"",
+            ),
+            (
+                "[[override]]\nactuators = \"a\"\ncontrol = \"torque\"\nkd = 1",
+                "`kd` is a gain of position control, but `control` is \"torque\"",
+            ),
+            ("[[override]]\ngeoms = \"a\"\nfriction = [1, 1, 1, 1]", "a list of up to 3 numbers"),
+            ("[[override]]\ngeoms = \"a\"\nsolimp = []", "`solimp` is a list, expected a number, or a list"),
+        ] {
+            let (top, tables) = if text.starts_with('[') { ("", text) } else { (text, "") };
+            let faults = Robot::faults(&format!("{top}\n{GOOD}\n{tables}\n"));
+            assert_eq!(faults.len(), 1, "{text} gave {faults:?}");
+            assert!(faults[0].contains(fault), "{text} gave {faults:?}");
         }
     }
 

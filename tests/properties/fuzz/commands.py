@@ -38,6 +38,7 @@ _LINES: tuple[tuple[str, ...], ...] = (
         "1",
     ),
     ("classes", "--robot", "robot/tripod.toml", "--json"),
+    ("check", "robot/tripod.toml", "--types", "jammed_joint", "--max-damaged-limbs", "1", "--json"),
     ("config", "--robot", "robot/tripod.toml", "--unaware", "--physics", "euler"),
     ("config", "--config", "run/config.toml", "--reward", "paper", "--healthy", "--learner", "cpu"),
     (

@@ -20,6 +20,35 @@ from .room import Room
 WORK = ("steps", "epochs", "episodes", "rollouts", "iterations", "patience", "every", "keep")
 
 
+# Changes of the MJCF that a robot TOML may contain.
+_CHANGES = """
+[simplify]
+floor_contacts = ["north_toe", "west_lower", "plate"]
+cone = "pyramidal"
+timestep = 0.004
+integrator = "euler"
+impratio = 1.0
+condim = 3
+
+[[override]]
+joints = ".*_knee"
+armature = 0.02
+damping = 0.4
+range = [-0.5, 0.5]
+
+[[override]]
+actuators = "north_(lift|knee)"
+control = "torque"
+ctrl_range = [-3, 3]
+gear = 2
+
+[[override]]
+geoms = ".*_toe"
+friction = [0.7, 0.01]
+solref = 0.02
+"""
+
+
 @cache
 def _text(path: Path) -> str:
     return path.read_text()
@@ -40,14 +69,15 @@ def robot_file(rng: Random, room: Room) -> None:
     """Read a robot TOML that is not compiled."""
     (room.folder / "tripod.xml").touch()
     path = room.folder / "robot.toml"
-    _write(rng, path, _mutated_toml(rng, _text(room.base / "robot" / "tripod.toml")))
+    toml = _text(room.base / "robot" / "tripod.toml") + rng.choice(("", _CHANGES))
+    _write(rng, path, _mutated_toml(rng, toml))
     room.call(dappo_batch.load_robot, path)
 
 
 def robot(rng: Random, room: Room) -> None:
     """Compile a robot and simulate it."""
     toml, xml = (_text(room.base / "robot" / f"tripod.{kind}") for kind in ("toml", "xml"))
-    toml = toml.replace("max_damaged_limbs = 3", "max_damaged_limbs = 1")
+    toml = toml.replace("max_damaged_limbs = 3", "max_damaged_limbs = 1") + rng.choice(("", _CHANGES))
     changed = rng.randrange(3)
     if changed != 0:
         toml = _mutated_toml(rng, toml)

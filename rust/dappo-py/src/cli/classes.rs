@@ -23,7 +23,7 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
     let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).or_raise()?;
     // Classes of a robot that does not exist, or whose limbs cannot break in this way, are none.
     let checked = if max_damaged > 0 { space.types() } else { &[] };
-    py.import("dappo_batch.model")?.call_method1("check_robot", (object, checked.to_vec()))?;
+    py.import("dappo_batch.model")?.call_method1("check_damage_types", (object, checked.to_vec()))?;
     let code = |class: &dappo_sim::DamageClass| -> Vec<u8> {
         class.code(space.limbs(), space.types().len()).iter().map(|&bit| u8::from(bit > 0.0)).collect()
     };

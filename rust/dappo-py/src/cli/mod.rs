@@ -84,6 +84,7 @@ pub fn run(py: Python<'_>, command: &Command, given: &[String], caller: &Caller)
         Command::View(arguments) => render::view(py, arguments, caller),
         Command::Sweep(arguments) => tools::run(py, "dappo_batch.sweeps.command", arguments),
         Command::Report(arguments) => tools::run(py, "dappo_batch.report", arguments),
+        Command::Check(arguments) => tools::run(py, "dappo_batch.commands.check", arguments),
         Command::Classes(arguments) => classes::run(py, arguments, caller),
         Command::Config(arguments) => settings::print(py, arguments),
         Command::Bench(arguments) => tools::run(py, "dappo_batch.bench", arguments),

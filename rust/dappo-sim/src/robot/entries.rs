@@ -81,6 +81,65 @@ impl<'a, 'f> Entries<'a, 'f> {
         None
     }
 
+    /// An optional whole number, one of a few.
+    pub fn optional_whole_of(&mut self, key: &'static str, choices: &[i64]) -> Option<i64> {
+        let listed: Vec<String> = choices.iter().map(i64::to_string).collect();
+        let expected = format!("one of {}", listed.join(", "));
+        self.optional(key, &expected, |value| value.as_integer().filter(|whole| choices.contains(whole)))
+    }
+
+    /// An optional `true` or `false`.
+    pub fn optional_flag(&mut self, key: &'static str) -> Option<bool> {
+        self.optional(key, "true or false", Value::as_bool)
+    }
+
+    /// An optional text, one of a few.
+    pub fn optional_choice(&mut self, key: &'static str, choices: &[&str]) -> Option<&'a str> {
+        let quoted: Vec<String> = choices.iter().map(|choice| format!("{choice:?}")).collect();
+        let expected = format!("one of {}", quoted.join(", "));
+        self.optional(key, &expected, |value| value.as_str().filter(|text| choices.contains(text)))
+    }
+
+    pub fn optional_number(&mut self, key: &'static str, range: RangeInclusive<f64>) -> Option<f64> {
+        if self.table.contains_key(key) {
+            return self.number(key, range);
+        }
+        self.known.push(key);
+        None
+    }
+
+    pub fn optional_positive(&mut self, key: &'static str, most: f64) -> Option<f64> {
+        if self.table.contains_key(key) {
+            return self.positive(key, most);
+        }
+        self.known.push(key);
+        None
+    }
+
+    /// An optional `[low, high]`.
+    pub fn optional_range(&mut self, key: &'static str) -> Option<[f64; 2]> {
+        self.optional(key, "[low, high], two numbers with low < high", |value| {
+            match value.as_array()?.iter().map(number).collect::<Option<Vec<f64>>>()?[..] {
+                [low, high] if low < high && low.is_finite() && high.is_finite() => Some([low, high]),
+                _ => None,
+            }
+        })
+    }
+
+    /// An optional list of the first entries of an array of `most`, or the first one as a number.
+    pub fn optional_leading(&mut self, key: &'static str, most: usize, range: RangeInclusive<f64>) {
+        let expected = format!(
+            "a number, or a list of up to {most} numbers, each from {} to {}",
+            range.start(),
+            range.end()
+        );
+        self.optional(key, &expected, |value| {
+            let values = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
+            let fits = |value| number(value).is_some_and(|number| range.contains(&number));
+            ((1..=most).contains(&values.len()) && values.iter().all(fits)).then_some(())
+        });
+    }
+
     pub fn number(&mut self, key: &'static str, range: RangeInclusive<f64>) -> Option<f64> {
         let expected = format!("a number from {} to {}", range.start(), range.end());
         self.required(key, &expected, |value| number(value).filter(|number| range.contains(number)))
@@ -99,6 +158,11 @@ impl<'a, 'f> Entries<'a, 'f> {
         self.optional(key, &format!("a table [{key}]"), Value::as_table)
     }
 
+    /// An optional array of tables `[[key]]`.
+    pub fn optional_tables(&mut self, key: &'static str) -> Option<&'a [Value]> {
+        self.optional(key, &format!("tables [[{key}]]"), |value| value.as_array().map(Vec::as_slice))
+    }
+
     pub fn list(&mut self, key: &'static str) -> Option<&'a [Value]> {
         self.required(key, "a list", |value| value.as_array().map(Vec::as_slice))
     }
@@ -115,6 +179,15 @@ impl<'a, 'f> Entries<'a, 'f> {
         values.iter().filter_map(text).collect()
     }
 
+    /// An optional list of at least `least` texts; empty if it is missing.
+    pub fn optional_texts(&mut self, key: &'static str, least: usize) -> Vec<&'a str> {
+        if self.table.contains_key(key) {
+            return self.texts(key, least);
+        }
+        self.known.push(key);
+        Vec::new()
+    }
+
     /// The tables of `terms`, with their places in the list.
     pub fn terms(&mut self) -> Vec<(usize, &'a Table)> {
         let Some(values) = self.list("terms") else { return Vec::new() };
@@ -128,6 +201,12 @@ impl<'a, 'f> Entries<'a, 'f> {
             ));
         }
         values.iter().enumerate().filter_map(|(index, value)| Some((index, value.as_table()?))).collect()
+    }
+
+    /// Names of the entries that were looked for after `first`.
+    pub fn known_after(&self, first: &str) -> String {
+        let others: Vec<&str> = self.known.iter().copied().filter(|key| *key != first).collect();
+        others.join(", ")
     }
 
     /// Reports the unknown entries.

@@ -9,6 +9,7 @@ use std::ops::RangeInclusive;
 use toml::{Table, Value};
 
 use super::entries::{Entries, number, shown};
+use super::simplify::{check_overrides, check_simplify};
 
 /// Physics substeps an env step.
 const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
@@ -16,7 +17,7 @@ const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
 const EPISODE_STEPS: RangeInclusive<i64> = 1..=1_000_000_000;
 /// Weights, clips and scales up to here keep every reward and observation finite in single precision: at worst a
 /// weight times the fourth power of a clip times the number of bodies.
-const LARGEST: f64 = 1e6;
+pub(super) const LARGEST: f64 = 1e6;
 /// Noise of the start state: positions are m or rad, velocities m/s or rad/s.
 const QPOS_NOISE: RangeInclusive<f64> = 0.0..=10.0;
 const QVEL_NOISE: RangeInclusive<f64> = 0.0..=100.0;
@@ -46,6 +47,8 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     let termination = top.table("termination");
     let observation = top.table("observation");
     let reward = top.table("reward");
+    let simplify = top.optional_table("simplify");
+    let overrides = top.optional_tables("override");
     let pictures = top.optional_table("pictures");
     top.finish();
 
@@ -69,6 +72,12 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     }
     if let Some(reward) = reward {
         check_rewards(reward, &mut found);
+    }
+    if let Some(simplify) = simplify {
+        check_simplify(simplify, &mut found);
+    }
+    if let Some(overrides) = overrides {
+        check_overrides(overrides, &mut found);
     }
     if let Some(pictures) = pictures {
         let mut entries = Entries::new(pictures, "[pictures]".into(), &mut found);

@@ -22,7 +22,7 @@ pub use diagnose::{
 };
 pub use export::ExportArgs;
 pub use render::{RenderArgs, ViewArgs, WalkArgs};
-pub use tools::{BenchArgs, DoctorArgs, GridArgs, ReportArgs};
+pub use tools::{BenchArgs, CheckArgs, DoctorArgs, GridArgs, ReportArgs};
 
 use crate::keywords::arguments;
 pub use crate::kinds::{AtLeast, Count, OneOf, Threads, Whole};
@@ -58,6 +58,8 @@ pub enum Command {
     Report(ReportArgs),
     /// Train every combination of a grid; a stopped sweep resumes
     Sweep(GridArgs),
+    /// Compile a robot with all damage, and print what it is and what supports it
+    Check(CheckArgs),
     /// List the damage classes of a robot
     Classes(ClassesArgs),
     /// Print the resolved configuration of a training run

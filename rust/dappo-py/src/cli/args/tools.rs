@@ -1,4 +1,4 @@
-//! The arguments of the commands that are written in Python: `report`, `sweep`, `bench` and `doctor`. They are the
+//! The arguments of the commands that are written in Python: `report`, `sweep`, `check`, `bench` and `doctor`. They are the
 //! keywords of the function `command` there.
 
 use std::borrow::Cow;
@@ -50,6 +50,26 @@ pub struct GridArgs {
     /// Trainings at once
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value = "1")]
     pub jobs: Threads,
+}
+
+/// Arguments of `check`.
+#[derive(Debug, Args, IntoPyObjectRef)]
+pub struct CheckArgs {
+    /// Built-in robot or path of a robot file
+    #[arg(value_name = "ROBOT")]
+    pub robot: String,
+    /// Damage types, comma separated [default: the robot's]
+    #[arg(long, value_delimiter = ',', value_name = "TYPES")]
+    pub types: Option<Vec<String>>,
+    /// Largest number of damaged limbs [default: the robot's]
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub max_damaged_limbs: Option<usize>,
+    /// Write a PNG with a tile for each damage class, at most 36
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `bench`.
