@@ -18,18 +18,40 @@ from ..states import States, converged, evaluate, relative_error
 from .poses import KINDS, random_controls, rolled_out
 from .vendors import ROBOTS, NoWheelsError, install_wheels, place
 
-pytestmark = pytest.mark.slow
-
+GUIDE = Path(__file__).parents[3] / "docs" / "guides" / "known-robots.md"
 STATES_A_CLASS = 6
 """States of each kind for each of the 5 damage classes."""
 
 LEAST_TOUCHED = {"free": 0.0, "rollout": 0.1, "resting": 0.5, "hard": 0.5}
 """Share of the states of each kind that have a contact."""
 
-REFUSED_AS_PUBLISHED: dict[str, str] = {}
+REFUSED_AS_PUBLISHED = {
+    "a2": "touch each other",
+    "aliengo": "touch each other",
+    "b2": "touch each other",
+    "barkour": "touch each other",
+    "go1": "touch each other",
+    "go1_menagerie": "touch each other",
+    "go1_mjlab": "touch each other",
+    "go2": "touch each other",
+    "humanoid_dm_control": "touch each other",
+    "hyqreal1": "touch each other",
+    "hyqreal2": "touch each other",
+    "mini_cheetah": "touch each other",
+    "pegasus": "touch each other",
+    "quadruped_dm_control": "activation",
+    "spot": "touch each other",
+    "spot_arm": "touch each other",
+    "spot_menagerie": "touch each other",
+}
 """Why the lane engine does not simulate a robot as it is published; it simulates all others."""
 
-REFUSED_SIMPLIFIED: dict[str, str] = {}
+REFUSED_SIMPLIFIED = {
+    "barkour": "can touch the floor but",
+    "humanoid_dm_control": "a limb branches",
+    "quadruped_dm_control": "activation",
+    "spot_arm": "limb",
+}
 """The same with ``[simplify]``."""
 
 
@@ -45,11 +67,26 @@ def _is_simplified(robot: str) -> bool:
     return "[simplify]" in (Path(__file__).parent / f"{robot}.toml").read_text()
 
 
+def test_the_guide_has_the_backends_of_all_robots() -> None:
+    rows = [line.split("|")[1:-1] for line in GUIDE.read_text().splitlines() if line.startswith("| [")]
+    table = {row[0].partition("]")[0].strip(" ["): (row[4].strip(), row[6].strip()) for row in rows}
+    expected = {
+        robot: (
+            "mujoco" if robot in REFUSED_AS_PUBLISHED else "lanes",
+            ("mujoco" if robot in REFUSED_SIMPLIFIED else "lanes") if _is_simplified(robot) else "–",  # noqa: RUF001
+        )
+        for robot in ROBOTS
+    }
+    assert table == expected
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robot_as_published_is_equal_or_refused(wheels: Path, robot: str) -> None:
     _check(place(wheels, robot, simplified=False), REFUSED_AS_PUBLISHED.get(robot))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", list(filter(_is_simplified, ROBOTS)))
 def test_a_simplified_robot_is_equal_or_refused(wheels: Path, robot: str) -> None:
     _check(place(wheels, robot, simplified=True), REFUSED_SIMPLIFIED.get(robot))
