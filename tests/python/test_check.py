@@ -165,6 +165,13 @@ def test_changes_are_printed_a_line_each(tmp_path: Path) -> None:
     assert "\n  [[override]] 0 damping of north_knee, west_knee, east_knee: 0.5 → 0.7\n" in out
 
 
+def test_geoms_without_a_name_are_counted(tmp_path: Path) -> None:
+    second = '<geom type="sphere" size="0.03" pos="0 0 0.1"/><body name="north" euler'
+    path = write(tmp_path, (('<body name="north" euler', second),))
+    out, _ = run("check", path, "--max-damaged-limbs", "0")
+    assert "\nfloor contacts: 2 geoms of plate, a geom of north, north_toe, a geom of west," in out
+
+
 def test_a_robot_that_cannot_be_compiled_is_refused_with_all_faults(tmp_path: Path) -> None:
     path = write(tmp_path, tables='[simplify]\ncone = "round"\ntimestep = -1')
     _, err = run("check", path, code=1)

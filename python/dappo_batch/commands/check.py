@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from json import dumps
 from os import PathLike
 from typing import TYPE_CHECKING
@@ -219,7 +220,7 @@ def _text(report: RobotReport) -> str:
             ),
         ),
         "",
-        f"floor contacts: {', '.join(report.floor_contacts) or 'none'}",
+        f"floor contacts: {_counted(report.floor_contacts) or 'none'}",
         f"self-collision: {'yes' if report.self_collision else 'no'}",
     ]
     if report.edits:
@@ -229,6 +230,15 @@ def _text(report: RobotReport) -> str:
     if report.refusals:
         lines += ["", "damage that cannot be applied", *(f"  {refusal}" for refusal in report.refusals)]
     return "\n".join(lines)
+
+
+def _counted(geoms: Sequence[str]) -> str:
+    """Return names of geoms as a list, with the number of those without a name."""
+    counts = Counter(geoms)
+    names = (
+        name if count == 1 else name.replace("a geom", f"{count} geoms", 1) for name, count in counts.items()
+    )
+    return ", ".join(names)
 
 
 def _reason(reason: Reason) -> str:
