@@ -81,6 +81,11 @@ def main() -> None:
         walks = [_walk(model, gait, off * rng.uniform(-1, 1, model.nu)) for gait in gaits]
         published = published or walks
         print(f"| {row} | {_summary(walks, published)} |", flush=True)
+    for deviation in (0.1, 0.3, 0.6):
+        share = _self_contacts(_model(toml, ""), deviation)
+        print(
+            f"random targets, {deviation} rad: contacts within the robot in {share:.1%} of the control steps"
+        )
 
 
 def _model(toml: Path, simplify: str) -> mujoco.MjModel:
@@ -93,20 +98,39 @@ def _walk(model: mujoco.MjModel, gait: dict[str, float], off: NDArray[np.float64
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qpos[7:] += off
-    floor, timestep = model.geom("floor").id, model.opt.timestep
-    substeps = round(CONTROL_STEP / timestep)
+    substeps = round(CONTROL_STEP / model.opt.timestep)
     contacts, within, fell, distance = [], [], False, 0.0
     for _ in range(round(SECONDS / CONTROL_STEP)):
         data.ctrl[:] = _targets(model, gait, data.time)
         mujoco.mj_step(model, data, nstep=substeps)
         contacts.append(data.ncon)
-        within.append(int((data.contact.geom != floor).all(axis=1).sum()) if data.ncon else 0)
+        within.append(_contacts_within(model, data))
         _, x, y, _ = data.qpos[3:7]
         fell = data.qpos[2] < 0.15 or 1.0 - 2.0 * (x * x + y * y) < 0.5
         if fell:
             break
         distance = float(data.qpos[0])
     return Walk(distance, fell, float(np.mean(contacts)), float(np.mean(within)))
+
+
+def _self_contacts(model: mujoco.MjModel, deviation: float) -> float:
+    """Return the share of control steps with contacts within a robot with random targets."""
+    rng = np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    substeps = round(CONTROL_STEP / model.opt.timestep)
+    within = []
+    for _ in range(20):
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        for _ in range(150):
+            data.ctrl[:] = model.key_qpos[0, 7:] + deviation * rng.normal(size=model.nu)
+            mujoco.mj_step(model, data, nstep=substeps)
+            within.append(_contacts_within(model, data) > 0)
+    return float(np.mean(within))
+
+
+def _contacts_within(model: mujoco.MjModel, data: mujoco.MjData) -> int:
+    """Return the number of contacts between geoms of the robot."""
+    return int((data.contact.geom != model.geom("floor").id).all(axis=1).sum()) if data.ncon else 0
 
 
 def _targets(model: mujoco.MjModel, gait: dict[str, float], time: float) -> list[float]:
