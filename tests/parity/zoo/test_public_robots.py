@@ -39,7 +39,7 @@ REFUSED_AS_PUBLISHED = {
     "hyqreal2": "touch each other",
     "mini_cheetah": "touch each other",
     "pegasus": "touch each other",
-    "quadruped_dm_control": "activation",
+    "quadruped_dm_control": "activation dynamics",
     "spot": "touch each other",
     "spot_arm": "touch each other",
     "spot_menagerie": "touch each other",
@@ -48,9 +48,9 @@ REFUSED_AS_PUBLISHED = {
 
 REFUSED_SIMPLIFIED = {
     "barkour": "can touch the floor but",
-    "humanoid_dm_control": "a limb branches",
-    "quadruped_dm_control": "activation",
-    "spot_arm": "limb",
+    "humanoid_dm_control": "moves by 2 joints",
+    "quadruped_dm_control": "activation dynamics",
+    "spot_arm": "5 limbs of up to 7 joints",
 }
 """The same with ``[simplify]``."""
 
