@@ -202,7 +202,7 @@ def test_a_muscle_is_not_a_motor_that_can_weaken() -> None:
 
 
 def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
-    assert {name: kind.mutes_touch for name, kind in DAMAGE_TYPES.items()} == {
+    assert {name: kind.disables_touch for name, kind in DAMAGE_TYPES.items()} == {
         "jammed_joint": False,
         "missing_toe": True,
         "weak_motor": False,

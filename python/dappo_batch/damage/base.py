@@ -26,7 +26,7 @@ class DamageType(ABC):
     name: ClassVar[str]
     """Name of the type in robot TOMLs, class names and damage specs."""
 
-    mutes_touch: ClassVar[bool] = False
+    disables_touch: ClassVar[bool] = False
     """Whether the touch signal of a damaged limb reads 0."""
 
     @abstractmethod

@@ -45,7 +45,7 @@ class MissingToe(DamageType):
     half_length: float
 
     name: ClassVar[str] = "missing_toe"
-    mutes_touch: ClassVar[bool] = True
+    disables_touch: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.half_length) and self.half_length > 0):

@@ -173,7 +173,7 @@ def compile_class_table(
         severity=float(severity),
         models=models,
         disabled_touch=tuple(
-            tuple(limb for limb, name in item.damages if kinds[name].mutes_touch) for item in space.classes
+            tuple(limb for limb, name in item.damages if kinds[name].disables_touch) for item in space.classes
         ),
         limb_bodies=parts.limb_bodies,
         touch_addresses=parts.touch_addresses,

@@ -37,7 +37,7 @@ _REMEDIES: tuple[tuple[str, str], ...] = (
 
 
 def support(table: ClassTable) -> tuple[tuple[Reason, ...], tuple[str, ...]]:
-    """Return all reasons why the backend ``lanes`` does not support a robot, and notes on one that it supports.
+    """Return why the backend ``lanes`` does not support a robot, and notes on one that it supports.
 
     A note says in what the engine deliberately differs from the options of the MJCF.
     """

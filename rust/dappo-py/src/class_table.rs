@@ -160,7 +160,7 @@ impl<'py> ClassTable<'py> {
             .collect()
     }
 
-    /// The limbs whose touch signal each class mutes.
+    /// The limbs whose touch signal each class disables.
     fn disabled_touch(&self) -> PyResult<Vec<Vec<bool>>> {
         let disabled: Vec<Vec<usize>> = self.object.getattr("disabled_touch")?.extract()?;
         let mask = |limbs: &Vec<usize>| (0..self.space.limbs()).map(|limb| limbs.contains(&limb)).collect();

@@ -54,10 +54,10 @@ impl ObservationTerm {
                 }
             }
             Self::Touch => {
-                for ((entry, &address), &muted) in
+                for ((entry, &address), &disabled) in
                     out.iter_mut().zip(&layout.touch_addresses).zip(signals.disabled_touch)
                 {
-                    *entry = if !muted && signals.sensordata[address] > 0.0 { 1.0 } else { 0.0 };
+                    *entry = if !disabled && signals.sensordata[address] > 0.0 { 1.0 } else { 0.0 };
                 }
             }
         }

@@ -29,7 +29,7 @@ impl LaneTable {
     ///
     /// # Shapes
     /// - `touch_addresses`: `[limbs]`, addresses in sensordata of the touch sensors that are read, or empty
-    /// - `disabled_touch`: `[classes][limbs]`, whether a class mutes the touch signal of a limb
+    /// - `disabled_touch`: `[classes][limbs]`, whether a class disables the touch signal of a limb
     pub fn compile(
         classes: &[ModelArrays],
         main_body: usize,

@@ -20,7 +20,7 @@ unsafe impl Send for ModelTable {}
 unsafe impl Sync for ModelTable {}
 
 impl ModelTable {
-    /// A table of `mjModel*` addresses, one a damage class, and the limbs whose touch signal each class mutes.
+    /// A table of `mjModel*` addresses, one a damage class, and the limbs whose touch signal each class disables.
     ///
     /// # Safety
     /// Every address must be a valid `mjModel` for as long as `owner` lives, all of equal sizes.
