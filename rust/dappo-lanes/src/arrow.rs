@@ -48,15 +48,21 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
         y
     }
 
-    /// Solves matrix · x = right for a positive definite matrix; `x` comes as the right side. Destroys the
-    /// matrix.
+    /// Solves matrix · x = right for a positive definite matrix; `x` comes as the right side, `factor` is room
+    /// for the factorisation.
     ///
     /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards and then the root, as
     /// MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
     #[inline(always)]
-    pub fn solve(&mut self, x: &mut Coords<T, L, J>) {
+    pub fn solve(&self, factor: &mut Self, x: &mut Coords<T, L, J>) {
+        let root = &mut factor.root;
+        for i in 0..6 {
+            for j in 0..i + 1 {
+                root[i][j] = self.root[i][j];
+            }
+        }
         for limb in 0..L {
-            let (block, coupling) = (&mut self.limbs[limb], &mut self.coupling[limb]);
+            let (mut block, mut coupling) = (self.limbs[limb], self.coupling[limb]);
             let y = &mut x.limbs[limb];
             for joint in (0..J).rev() {
                 let inverse = T::of(1.0) / block[joint][joint];
@@ -73,7 +79,7 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                 }
             }
             // All joints at once, so that every entry of the root is loaded and stored only once.
-            let (coupling, y) = (*coupling, *y);
+            let y = *y;
             for i in 0..6 {
                 let mut factors = [T::zero(); J];
                 for joint in 0..J {
@@ -81,26 +87,27 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                     x.root[i] = factors[joint].neg_mul_add(y[joint], x.root[i]);
                 }
                 for j in 0..i + 1 {
-                    let mut entry = self.root[i][j];
+                    let mut entry = root[i][j];
                     for joint in 0..J {
                         entry = factors[joint].neg_mul_add(coupling[joint][j], entry);
                     }
-                    self.root[i][j] = entry;
+                    root[i][j] = entry;
                 }
             }
+            (factor.limbs[limb], factor.coupling[limb]) = (block, coupling);
         }
-        solve_dense(&mut self.root, &mut x.root);
+        solve_dense(root, &mut x.root);
         for limb in 0..L {
             for joint in 0..J {
                 let mut sum = x.limbs[limb][joint];
                 for i in 0..6 {
-                    sum = self.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
+                    sum = factor.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
                 }
                 for inner in 0..joint {
-                    sum = self.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
+                    sum = factor.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
                 }
                 // The pivots were replaced by their inverses.
-                x.limbs[limb][joint] = sum * self.limbs[limb][joint][joint];
+                x.limbs[limb][joint] = sum * factor.limbs[limb][joint][joint];
             }
         }
     }

@@ -29,8 +29,10 @@ pub struct Dynamics<T: Lane, const L: usize, const J: usize> {
     pub contacts: Vec<Contact<T, J>>,
     limits: Limits<T, L, J>,
     dry_friction: DryFriction<T, L, J>,
-    /// A matrix that is being factorised.
+    /// A sum of the mass matrix and others.
     work: Arrow<T, L, J>,
+    /// A factorised matrix.
+    factor: Arrow<T, L, J>,
     /// Acceleration; angular entries along the world's axes.
     acceleration: Coords<T, L, J>,
 }
@@ -48,6 +50,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
             limits: Limits::none(),
             dry_friction: DryFriction::none(),
             work: Arrow::zero(),
+            factor: Arrow::zero(),
             acceleration: Coords::zero(),
         }
     }
@@ -81,8 +84,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
                 smooth.root[i] = constants.root_damping.neg_mul_add(velocity.root[i], smooth.root[i]);
             }
         }
-        self.work = self.mass;
-        self.work.solve(&mut smooth);
+        self.mass.solve(&mut self.factor, &mut smooth);
 
         let height = position.root[2] - T::splat(skeleton.floor);
         let touching =
@@ -103,6 +105,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
                 limits: &mut self.limits,
                 dry_friction: &mut self.dry_friction,
                 hessian: &mut self.work,
+                factor: &mut self.factor,
                 present,
                 slips: skeleton.has_elliptic_cones,
             };
@@ -131,7 +134,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
                 *entry = timestep.mul_add(drag[limb][joint], *entry);
             }
         }
-        self.work.solve(&mut acceleration);
+        self.work.solve(&mut self.factor, &mut acceleration);
         self.to_root(&acceleration)
     }
 

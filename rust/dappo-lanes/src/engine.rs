@@ -1,6 +1,6 @@
 //! Chooses the lane type and the shape of the robot at run time.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use crate::constants::Skeleton;
 use crate::error::Unsupported;
@@ -131,7 +131,7 @@ impl Engine {
 
     fn shaped<T: Lane, const L: usize, const J: usize>(classes: Vec<Model>) -> Result<Self, Unsupported> {
         let skeleton = Skeleton::new(&classes)?;
-        let robot = Arc::new(Robot::<T, L, J> { skeleton, classes });
+        let robot = Arc::new(Robot::<T, L, J> { skeleton, classes, spare: Mutex::default() });
         let new_group: NewGroup = Box::new(move || Box::new(Worlds::new(Arc::clone(&robot))));
         Ok(Self { width: T::WIDTH, new_group })
     }

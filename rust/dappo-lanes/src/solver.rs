@@ -28,6 +28,8 @@ pub struct Problem<'a, T: Lane, const L: usize, const J: usize> {
     pub dry_friction: &'a mut DryFriction<T, L, J>,
     /// Room for the Hessian.
     pub hessian: &'a mut Arrow<T, L, J>,
+    /// Room for its factorisation.
+    pub factor: &'a mut Arrow<T, L, J>,
     /// Lanes with at least one constraint; the others keep the smooth acceleration.
     pub present: T::Mask,
     /// Whether contacts may slip on elliptic cones. Close to the solution each Newton step then doubles the
@@ -54,7 +56,7 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             }
             let gradient = self.derivatives(&point.momentum);
             let mut step = gradient;
-            self.hessian.solve(&mut step);
+            self.hessian.solve(self.factor, &mut step);
             let decrement = step.dot(&gradient);
             let arrived = (T::of(0.5) * scale * decrement).lt(tolerance);
             if !self.slips {

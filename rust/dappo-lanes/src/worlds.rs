@@ -1,6 +1,6 @@
 //! [`Group`] for one lane type and one shape of robot.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::constants::{Constants, Skeleton};
 use crate::coords::Coords;
@@ -16,6 +16,21 @@ use crate::state::{Position, State};
 pub struct Robot<T: Lane, const L: usize, const J: usize> {
     pub skeleton: Skeleton<T, L, J>,
     pub classes: Vec<Model>,
+    /// Dynamics that no group uses at present. They are large: a thread that takes the one it returned last
+    /// finds it in its cache.
+    pub spare: Mutex<Vec<Box<Dynamics<T, L, J>>>>,
+}
+
+impl<T: Lane, const L: usize, const J: usize> Robot<T, L, J> {
+    /// Calls `use_it` with room for the evaluation of the dynamics.
+    fn with_dynamics<R>(&self, use_it: impl FnOnce(&mut Dynamics<T, L, J>) -> R) -> R {
+        let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = spare().pop();
+        let mut dynamics = taken.unwrap_or_else(|| Box::new(Dynamics::new(&self.skeleton)));
+        let result = use_it(&mut dynamics);
+        spare().push(dynamics);
+        result
+    }
 }
 
 /// As many worlds as a register has lanes.
@@ -208,19 +223,23 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
     }
 
     fn forward(&mut self, lanes: u32) {
-        let mut dynamics = Box::new(Dynamics::new(&self.robot.skeleton));
-        T::run(
-            #[inline(always)]
-            || self.forward_lanes(T::Mask::from_bits(lanes), &mut dynamics),
-        );
+        let robot = Arc::clone(&self.robot);
+        robot.with_dynamics(|dynamics| {
+            T::run(
+                #[inline(always)]
+                || self.forward_lanes(T::Mask::from_bits(lanes), dynamics),
+            );
+        });
     }
 
     fn step(&mut self, lanes: u32, substeps: usize) {
-        let mut dynamics = Box::new(Dynamics::new(&self.robot.skeleton));
-        let x = T::run(
-            #[inline(always)]
-            || self.step_lanes(T::Mask::from_bits(lanes), substeps, &mut dynamics),
-        );
+        let robot = Arc::clone(&self.robot);
+        let x = robot.with_dynamics(|dynamics| {
+            T::run(
+                #[inline(always)]
+                || self.step_lanes(T::Mask::from_bits(lanes), substeps, dynamics),
+            )
+        });
         for lane in (0..T::WIDTH).filter(|lane| lanes >> lane & 1 == 1) {
             self.evaluated_x[lane] = self.origin[lane][0] + x.get(lane);
             for axis in 0..2 {
