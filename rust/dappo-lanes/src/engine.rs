@@ -6,6 +6,8 @@ use crate::constants::Skeleton;
 use crate::error::Unsupported;
 use crate::group::Group;
 use crate::lane::Lane;
+#[cfg(target_arch = "aarch64")]
+use crate::lane::neon;
 use crate::lane::portable;
 #[cfg(target_arch = "x86_64")]
 use crate::lane::{avx2, avx512};
@@ -28,6 +30,8 @@ pub enum Simd {
     Avx512,
     /// AVX2 with FMA.
     Avx2,
+    /// NEON, which every aarch64 processor has.
+    Neon,
     /// Plain Rust.
     Portable,
 }
@@ -36,7 +40,10 @@ impl Simd {
     /// The instruction sets of this processor, the fastest first.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        [Self::Avx512, Self::Avx2, Self::Portable].into_iter().filter(|simd| simd.is_available()).collect()
+        [Self::Avx512, Self::Avx2, Self::Neon, Self::Portable]
+            .into_iter()
+            .filter(|simd| simd.is_available())
+            .collect()
     }
 
     /// Whether this processor has it.
@@ -60,6 +67,7 @@ impl Simd {
             }
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx512 | Self::Avx2 => false,
+            Self::Neon => cfg!(target_arch = "aarch64"),
             Self::Portable => true,
         }
     }
@@ -70,6 +78,7 @@ impl Simd {
         match self {
             Self::Avx512 => "avx512",
             Self::Avx2 => "avx2",
+            Self::Neon => "neon",
             Self::Portable => "portable",
         }
     }
@@ -107,6 +116,10 @@ impl Engine {
             (Simd::Avx2, Precision::F32) => Self::of::<avx2::F32x8>(classes),
             #[cfg(target_arch = "x86_64")]
             (Simd::Avx2, Precision::F64) => Self::of::<avx2::F64x4>(classes),
+            #[cfg(target_arch = "aarch64")]
+            (Simd::Neon, Precision::F32) => Self::of::<neon::F32x4>(classes),
+            #[cfg(target_arch = "aarch64")]
+            (Simd::Neon, Precision::F64) => Self::of::<neon::F64x2>(classes),
             (_, Precision::F32) => Self::of::<portable::F32x4>(classes),
             (_, Precision::F64) => Self::of::<portable::F64x4>(classes),
         }

@@ -39,6 +39,13 @@ macro_rules! for_each_lane_type {
                 $check::<avx2::F64x4>();
             }
         }
+        #[cfg(target_arch = "aarch64")]
+        {
+            use super::neon;
+            assert!(Simd::Neon.is_available());
+            $check::<neon::F32x4>();
+            $check::<neon::F64x2>();
+        }
         assert!(Simd::Portable.is_available());
         $check::<super::portable::F32x4>();
         $check::<super::portable::F64x4>();
