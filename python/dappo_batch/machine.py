@@ -60,6 +60,7 @@ def describe() -> dict[str, Any]:
     """Return processor, cores, load average and versions, as a dictionary that can be written as JSON."""
     return {
         "cpu": cpu_name(),
+        "flags": cpu_flags(),
         "cores": cores(),
         "load_average": _load_average(),
         "mujoco": mujoco.__version__,
@@ -72,6 +73,7 @@ def text(machine: Mapping[str, Any]) -> str:
     """Return the result of `describe` as two lines of text."""
     load = "unknown" if machine["load_average"] is None else f"{machine['load_average']:.2f}"
     return (
-        f"{machine['cpu']}, {machine['cores']} cores, load average {load} at the start\n"
+        f"{machine['cpu']}, {' '.join(machine['flags']) or 'no vector instructions known'},"
+        f" {machine['cores']} cores, load average {load} at the start\n"
         f"mujoco {machine['mujoco']}, numpy {machine['numpy']}, Python {machine['python']}"
     )

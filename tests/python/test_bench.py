@@ -58,7 +58,8 @@ def test_mj_step_is_the_base_of_all_ratios(report: bench.Report) -> None:
 def test_the_report_contains_the_machine_and_the_settings(report: bench.Report) -> None:
     assert report.machine["mujoco"] == mujoco.__version__
     assert report.settings == {"robot": "ant", "num_envs": 3, "threads": 2, "seconds": 0.01, "rounds": 2}
-    assert report.text().startswith(f"{machine.cpu_name()}, ")
+    assert report.machine["flags"] == machine.cpu_flags()
+    assert report.text().startswith(f"{machine.cpu_name()}, {' '.join(machine.cpu_flags())}")
     assert mujoco.__version__ in report.text()
 
 
