@@ -88,10 +88,6 @@ REMEDIES: dict[str, tuple[Edits, str]] = {
         ((FREE, '<joint name="root" type="free" frictionloss="0.1"/>'),),
         "[[override]] joints = 'root', frictionloss = 0",
     ),
-    "spring of the root": (
-        ((FREE, '<joint name="root" type="free" stiffness="2" damping="0"/>'),),
-        "[[override]] joints = 'root', stiffness = 0",
-    ),
     "nonlinear springs": (
         (("<joint armature", '<joint stiffness="1 0 2" armature'),),
         "[[override]] joints = '.*', stiffness = 0",

@@ -24,7 +24,6 @@ _REMEDIES: tuple[tuple[str, str], ...] = (
     ),
     (r"opt\.integrator|in RK4 differently", '[simplify] integrator = "implicitfast"'),
     (rf"{_NAME}, the free one, has friction loss", "[[override]] joints = 'NAME', frictionloss = 0"),
-    (rf"{_NAME}, the free one, has (?P<entry>\w+)", "[[override]] joints = 'NAME', ENTRY = 0"),
     (rf"{_NAME} ha(?:s|ve) a (?:nonlinear|yielding) spring", "[[override]] joints = 'NAME', stiffness = 0"),
     (rf"{_NAME} ha(?:s|ve) nonlinear damping", "[[override]] joints = 'NAME', damping = VALUE"),
     (
@@ -50,5 +49,5 @@ def _remedy(text: str) -> str:
         if found := re.search(pattern, text):
             named = found.groupdict(default="")
             parts = ".*" if named.get("more") else re.escape(named.get("name", ""))
-            return remedy.replace("NAME", parts).replace("ENTRY", named.get("entry", ""))
+            return remedy.replace("NAME", parts)
     return ""

@@ -58,13 +58,14 @@ def write(path: Path, table: ClassTable) -> None:
     from dappo_batch.render.lettering import letter
 
     classes = table.space.classes[:MOST]
-    poses = np.array([table.models[item.id].qpos0 for item in classes])
+    numbers = [item.id for item in classes]
+    poses = np.array([table.models[number].qpos0 for number in numbers])
     seen = view(table, poses[:1], 1.0, aspect=_WIDTH / _HEIGHT)
-    models = coloured_models(table, [item.id for item in classes])
+    models = coloured_models(table, numbers)
     for model in models.values():
         fit(model, seen)
     seen = replace(seen, lookat=np.repeat(seen.lookat, len(classes), axis=0))
-    scene = Scene(models, [item.id for item in classes], poses, seen, _WIDTH, _HEIGHT)
+    scene = Scene(models, numbers, poses, seen, seen.lookat[0], _WIDTH, _HEIGHT)
     # A name may be longer than a tile is wide, and lines are broken at spaces.
     captions = [Caption("", item.name.replace("+", " + "), "", bool(item.damages)) for item in classes]
     with film.whole(path) as part:

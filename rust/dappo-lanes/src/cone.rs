@@ -57,6 +57,17 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         self.frictions > 2
     }
 
+    /// The residual at a length of the slope from the present one.
+    #[inline(always)]
+    pub fn moved(&self, length: T) -> Residual<T> {
+        let Residual { linear, angular } = &self.residual;
+        let mut there = Residual { linear: scale_add(self.slope.linear, length, *linear), angular: *angular };
+        if self.turns() {
+            there.angular = scale_add(self.slope.angular, length, *angular);
+        }
+        there
+    }
+
     /// Adds the cost at a residual to a sum.
     #[inline(always)]
     pub fn add_cost(&self, residual: &Residual<T>, sum: T) -> T {
@@ -184,7 +195,7 @@ impl<T: Lane, const J: usize> Contact<T, J> {
     #[inline(always)]
     pub fn add_along(&self, length: T, first: &mut T, second: &mut T) -> T::Mask {
         let zero = T::zero();
-        let there = self.residual.moved(&self.slope, length);
+        let there = self.moved(length);
         match self.cone {
             Cone::Pyramidal => {
                 let (residuals, slopes) = (edges(there.linear), edges(self.slope.linear));
@@ -229,7 +240,7 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         *first = stick.mul_add(normal.mul_add(rise, across * inverse), *first);
         *second = stick.mul_add(rise.mul_add(rise, square * inverse), *second);
 
-        let unit = self.unit(&zone);
+        let unit = zone.unit();
         let slip = self.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
         let along = across * unit;
         let (gap, closing) = (normal - zone.friction, rise - along);
@@ -249,17 +260,11 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         Zone { friction, sticks, slips: closed & !sticks }
     }
 
-    /// 1 / |t| where the contact slips, 0 elsewhere.
-    #[inline(always)]
-    fn unit(&self, zone: &Zone<T>) -> T {
-        (T::of(1.0) / T::select(zone.slips, zone.friction, T::of(1.0))).keep(zone.slips)
-    }
-
     #[inline(always)]
     fn ellipse(&self) -> Ellipse<T> {
         let zone = self.zone(&self.residual);
         let normal = self.residual.linear[0];
-        let unit = self.unit(&zone);
+        let unit = zone.unit();
         let stick = self.weight.keep(zone.sticks);
         let slip = self.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
         let gap = normal - zone.friction;
@@ -274,16 +279,15 @@ impl<T: Lane, const J: usize> Contact<T, J> {
     }
 }
 
-impl<T: Lane> Residual<T> {
-    /// self + length · slope.
+impl<T: Lane> Zone<T> {
+    /// 1 / |t| where the contact slips, 0 elsewhere.
     #[inline(always)]
-    pub fn moved(&self, slope: &Self, length: T) -> Self {
-        Self {
-            linear: scale_add(slope.linear, length, self.linear),
-            angular: scale_add(slope.angular, length, self.angular),
-        }
+    fn unit(&self) -> T {
+        (T::of(1.0) / T::select(self.slips, self.friction, T::of(1.0))).keep(self.slips)
     }
+}
 
+impl<T: Lane> Residual<T> {
     /// Product of the parts in the friction dimensions.
     #[inline(always)]
     fn dot_friction(&self, other: &Self) -> T {

@@ -16,8 +16,7 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub floor: T::Scalar,
     /// Whether the weight of some body is compensated.
     pub compensates: bool,
-    /// Whether friction cones are elliptic.
-    pub has_elliptic_cones: bool,
+    pub cone: Cone,
     /// Whether the free joint has damping.
     pub damps_root: bool,
     /// Whether some joint has dry friction.
@@ -145,7 +144,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
             gravity: T::scalar(model.gravity),
             floor: T::scalar(model.floor),
             compensates: inertias().any(|inertia| inertia.compensated != 0.0),
-            has_elliptic_cones: model.cone == Cone::Elliptic,
+            cone: model.cone,
             damps_root: classes.iter().any(|class| class.root_damping != 0.0),
             has_dry_friction: links().any(|link| link.friction_loss > 0.0),
             joints: std::array::from_fn(|limb| {

@@ -58,22 +58,12 @@ impl<T: Lane> Residual<T> {
     pub fn zero() -> Self {
         Self { linear: zero3(), angular: zero3() }
     }
-
-    /// self − other.
-    #[inline(always)]
-    pub fn less(&self, other: &Self) -> Self {
-        Self { linear: sub(self.linear, other.linear), angular: sub(self.angular, other.angular) }
-    }
 }
 
 impl<T: Lane, const J: usize> Contact<T, J> {
-    /// J x: velocity (or acceleration) of the contact in its constraints.
+    /// J x: velocity (or acceleration) of the contact along n, μ t₁, μ t₂.
     #[inline(always)]
-    pub fn along<const L: usize>(
-        &self,
-        kinematics: &Kinematics<T, L, J>,
-        x: &Coords<T, L, J>,
-    ) -> Residual<T> {
+    pub fn along<const L: usize>(&self, x: &Coords<T, L, J>) -> Vec3<T> {
         let linear = [x.root[0], x.root[1], x.root[2]];
         let mut v = add(linear, cross(x.angular(), self.at));
         if let Some((limb, joints)) = self.limb {
@@ -81,21 +71,25 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                 v = scale_add(self.columns[joint], x.limbs[limb][joint], v);
             }
         }
-        let [tx, ty] = self.tangent;
-        let linear = [v[2], tx.mul_add(v[0], ty * v[1]), tx.mul_add(v[1], -(ty * v[0]))];
-        if !self.turns() {
-            return Residual { linear, angular: zero3() };
-        }
-        let angular = T::run(
-            #[inline(always)]
-            || self.around(kinematics, x),
-        );
-        Residual { linear, angular }
+        let [x, y] = self.tangent;
+        [v[2], x.mul_add(v[0], y * v[1]), x.mul_add(v[1], -(y * v[0]))]
     }
 
-    /// The angular part of J x.
+    /// J x about n, t₁ and t₂. A function of its own, since few robots have such friction.
     #[inline(always)]
-    fn around<const L: usize>(&self, kinematics: &Kinematics<T, L, J>, x: &Coords<T, L, J>) -> Vec3<T> {
+    pub fn around<const L: usize>(&self, kinematics: &Kinematics<T, L, J>, x: &Coords<T, L, J>) -> Vec3<T> {
+        T::run(
+            #[inline(always)]
+            || self.turned_around(kinematics, x),
+        )
+    }
+
+    #[inline(always)]
+    fn turned_around<const L: usize>(
+        &self,
+        kinematics: &Kinematics<T, L, J>,
+        x: &Coords<T, L, J>,
+    ) -> Vec3<T> {
         let mut angular = x.angular();
         if let Some((limb, joints)) = self.limb {
             for joint in 0..joints {
@@ -152,7 +146,26 @@ pub fn find_contacts<T: Lane, const L: usize, const J: usize>(
             }
         };
         let (at, distance, touching) = match &carrier.shape {
-            Shape::Ball | Shape::Corner(_) => touch_ball(carrier, point, axes, origin, height),
+            Shape::Ball | Shape::Corner(_) => {
+                let position = point.position;
+                let lift = position[2]
+                    .mul_add(axes[2][2], position[1].mul_add(axes[1][2], position[0] * axes[0][2]));
+                let radius = point.size[0];
+                let distance = height + origin[2] + lift - radius;
+                let mut touching = distance.lt(T::splat(carrier.margin));
+                // Most points are in the air, so that this is what costs.
+                if !touching.any() {
+                    continue;
+                }
+                if let Shape::Corner(way) = carrier.shape {
+                    // MuJoCo takes the corners below the middle of a box and leaves out those above.
+                    touching = touching & !T::zero().lt(rotate(axes, splat3(way))[2]);
+                }
+                let center = add(origin, rotate(axes, position));
+                // The contact lies midway between floor and surface.
+                let at = [center[0], center[1], center[2] - radius - T::of(0.5) * distance];
+                (at, distance, touching)
+            }
             Shape::Rim(cylinder, place) => {
                 let surface = T::run(
                     #[inline(always)]
@@ -195,34 +208,8 @@ pub fn find_contacts<T: Lane, const L: usize, const J: usize>(
     present
 }
 
-/// The contact of a sphere or a corner: where it is, its distance, and in which lanes it touches.
-#[inline(always)]
-fn touch_ball<T: Lane>(
-    carrier: &Carrier<T>,
-    point: &PointConstants<T>,
-    axes: &Axes<T>,
-    origin: Vec3<T>,
-    height: T,
-) -> (Vec3<T>, T, T::Mask) {
-    let lift = point.position[2]
-        .mul_add(axes[2][2], point.position[1].mul_add(axes[1][2], point.position[0] * axes[0][2]));
-    let radius = point.size[0];
-    let distance = height + origin[2] + lift - radius;
-    let mut touching = distance.lt(T::splat(carrier.margin));
-    if !touching.any() {
-        return (zero3(), distance, touching);
-    }
-    if let Shape::Corner(way) = carrier.shape {
-        // MuJoCo takes the corners below the middle of a box and leaves out those above.
-        touching = touching & !T::zero().lt(rotate(axes, splat3(way))[2]);
-    }
-    let center = add(origin, rotate(axes, point.position));
-    // The contact lies midway between floor and surface.
-    let at = [center[0], center[1], center[2] - radius - T::of(0.5) * distance];
-    (at, distance, touching)
-}
-
-/// The contact of a point of a surface, given from the carrier's origin.
+/// The contact of a point of a surface, given from the carrier's origin: where it is, its distance, and in
+/// which lanes it touches.
 #[inline(always)]
 fn touch<T: Lane>(
     carrier: &Carrier<T>,
@@ -328,11 +315,12 @@ fn soften<T: Lane, const L: usize, const J: usize>(
     let impedance = softness.at(violation.abs());
     contact.weight = (impedance / ((T::of(1.0) - impedance) * point.softness)).keep(touching);
     let damping = T::splat(softness.damping);
-    let v = contact.along(kinematics, velocity);
+    let v = contact.along(velocity);
     let pull = T::splat(softness.stiffness) * impedance * violation;
-    contact.reference.linear =
-        [-(damping * v.linear[0]) - pull, -(damping * v.linear[1]), -(damping * v.linear[2])];
-    contact.reference.angular = scale(v.angular, -damping);
+    contact.reference.linear = [-(damping * v[0]) - pull, -(damping * v[1]), -(damping * v[2])];
+    if contact.turns() {
+        contact.reference.angular = scale(contact.around(kinematics, velocity), -damping);
+    }
 }
 
 /// Force and torque about `center` of a contact at the solver's present point.

@@ -4,17 +4,17 @@
 use crate::constants::{Constants, Skeleton};
 use crate::lane::Lane;
 
-/// Dry friction of all joints.
-pub struct DryFriction<T, const L: usize, const J: usize> {
-    pub rows: [[Friction<T>; J]; L],
+/// Dry friction of all joints that have it in some lane.
+pub struct DryFriction<T> {
+    pub rows: Vec<Friction<T>>,
 }
 
 /// One constraint: the joint's velocity should vanish. It costs ½ D r² while D |r| is below the largest
 /// torque, and goes on linearly beyond.
 #[derive(Clone, Copy)]
 pub struct Friction<T> {
-    /// Whether the joint has dry friction in some lane.
-    pub somewhere: bool,
+    /// Limb and joint.
+    pub joint: (usize, usize),
     /// Largest torque.
     pub most: T,
     /// D = 1/R.
@@ -58,38 +58,35 @@ impl<T: Lane> Friction<T> {
     }
 }
 
-impl<T: Lane, const L: usize, const J: usize> DryFriction<T, L, J> {
-    pub fn none() -> Self {
-        let zero = T::zero();
-        let row = Friction {
-            somewhere: false,
-            most: zero,
-            weight: zero,
-            reference: zero,
-            residual: zero,
-            slope: zero,
-        };
-        Self { rows: [[row; J]; L] }
+impl<T: Lane> DryFriction<T> {
+    /// Room for the joints of a robot.
+    pub fn new(joints: usize) -> Self {
+        Self { rows: Vec::with_capacity(joints) }
     }
 
     /// Follows the velocities.
     #[inline(always)]
-    pub fn update(
+    pub fn update<const L: usize, const J: usize>(
         &mut self,
         skeleton: &Skeleton<T, L, J>,
         constants: &Constants<T, L, J>,
         velocities: &[[T; J]; L],
     ) {
+        self.rows.clear();
         for limb in 0..L {
             for joint in 0..J {
-                let (link, row) = (&constants.links[limb][joint], &mut self.rows[limb][joint]);
+                let link = &constants.links[limb][joint];
                 let Some(damping) = skeleton.joints[limb][joint].dry_friction else {
                     continue;
                 };
-                row.somewhere = true;
-                row.most = link.friction_loss;
-                row.weight = link.friction_weight;
-                row.reference = -(T::splat(damping) * velocities[limb][joint]);
+                self.rows.push(Friction {
+                    joint: (limb, joint),
+                    most: link.friction_loss,
+                    weight: link.friction_weight,
+                    reference: -(T::splat(damping) * velocities[limb][joint]),
+                    residual: T::zero(),
+                    slope: T::zero(),
+                });
             }
         }
     }

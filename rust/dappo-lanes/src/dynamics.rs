@@ -13,6 +13,7 @@ use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
 use crate::limit::Limits;
 use crate::math::{Vec3, rotate, unrotate, zero3};
+use crate::model::Cone;
 use crate::solver::Problem;
 use crate::state::State;
 
@@ -28,7 +29,7 @@ pub struct Dynamics<T: Lane, const L: usize, const J: usize> {
     /// Contacts with their forces.
     pub contacts: Vec<Contact<T, J>>,
     limits: Limits<T, L, J>,
-    dry_friction: DryFriction<T, L, J>,
+    dry_friction: DryFriction<T>,
     /// A sum of the mass matrix and others.
     work: Arrow<T, L, J>,
     /// A factorised matrix.
@@ -48,7 +49,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
             actuation: Actuation::zero(),
             contacts: Vec::with_capacity(skeleton.points.len()),
             limits: Limits::none(),
-            dry_friction: DryFriction::none(),
+            dry_friction: DryFriction::new(L * J),
             work: Arrow::zero(),
             factor: Arrow::zero(),
             acceleration: Coords::zero(),
@@ -107,7 +108,7 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
                 hessian: &mut self.work,
                 factor: &mut self.factor,
                 present,
-                slips: skeleton.has_elliptic_cones,
+                slips: skeleton.cone == Cone::Elliptic,
             };
             self.acceleration = problem.solve(&smooth, &guess, constants.solver_scale);
         }

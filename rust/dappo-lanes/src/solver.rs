@@ -7,13 +7,13 @@
 
 use crate::arrow::Arrow;
 use crate::cone::{Push, Turn};
-use crate::contact::{Contact, Residual};
+use crate::contact::Contact;
 use crate::coords::Coords;
 use crate::dry_friction::DryFriction;
 use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
 use crate::limit::Limits;
-use crate::math::{Axes, Vec3, add, cross, dot, rotate, zero3};
+use crate::math::{Axes, Vec3, add, cross, dot, rotate, sub, zero3};
 
 /// More than any state needs: MuJoCo's own default is 100, and four suffice for most.
 const MAX_ITERATIONS: usize = 100;
@@ -25,7 +25,7 @@ pub struct Problem<'a, T: Lane, const L: usize, const J: usize> {
     pub kinematics: &'a Kinematics<T, L, J>,
     pub contacts: &'a mut [Contact<T, J>],
     pub limits: &'a mut Limits<T, L, J>,
-    pub dry_friction: &'a mut DryFriction<T, L, J>,
+    pub dry_friction: &'a mut DryFriction<T>,
     /// Room for the Hessian.
     pub hessian: &'a mut Arrow<T, L, J>,
     /// Room for its factorisation.
@@ -89,20 +89,18 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         let mut guess_cost = half * momentum.dot(&distance);
         let mut smooth_cost = T::zero();
         for contact in self.contacts.iter_mut() {
-            contact.residual = contact.along(self.kinematics, guess).less(&contact.reference);
-            contact.slope = contact.along(self.kinematics, smooth).less(&contact.reference);
+            contact.residual.linear = sub(contact.along(guess), contact.reference.linear);
+            contact.slope.linear = sub(contact.along(smooth), contact.reference.linear);
+            if contact.turns() {
+                let reference = contact.reference.angular;
+                contact.residual.angular = sub(contact.around(self.kinematics, guess), reference);
+                contact.slope.angular = sub(contact.around(self.kinematics, smooth), reference);
+            }
             guess_cost = contact.add_cost(&contact.residual, guess_cost);
             smooth_cost = contact.add_cost(&contact.slope, smooth_cost);
         }
         for limb in 0..L {
             for joint in 0..J {
-                let friction = &mut self.dry_friction.rows[limb][joint];
-                if friction.somewhere {
-                    friction.residual = guess.limbs[limb][joint] - friction.reference;
-                    friction.slope = smooth.limbs[limb][joint] - friction.reference;
-                    guess_cost = friction.add_cost(friction.residual, guess_cost);
-                    smooth_cost = friction.add_cost(friction.slope, smooth_cost);
-                }
                 let limit = &mut self.limits.rows[limb][joint];
                 if !limit.somewhere {
                     continue;
@@ -114,23 +112,28 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
                 smooth_cost = half_weight.mul_add(negative_square(limit.slope), smooth_cost);
             }
         }
+        for friction in &mut self.dry_friction.rows {
+            let (limb, joint) = friction.joint;
+            friction.residual = guess.limbs[limb][joint] - friction.reference;
+            friction.slope = smooth.limbs[limb][joint] - friction.reference;
+            guess_cost = friction.add_cost(friction.residual, guess_cost);
+            smooth_cost = friction.add_cost(friction.slope, smooth_cost);
+        }
 
         let use_guess = guess_cost.lt(smooth_cost) & self.present;
         for contact in self.contacts.iter_mut() {
-            contact.residual = Residual {
-                linear: select(use_guess, contact.residual.linear, contact.slope.linear),
-                angular: select(use_guess, contact.residual.angular, contact.slope.angular),
-            };
+            contact.residual.linear = select(use_guess, contact.residual.linear, contact.slope.linear);
+            if contact.turns() {
+                contact.residual.angular = select(use_guess, contact.residual.angular, contact.slope.angular);
+            }
         }
         for limit in self.limits.rows.as_flattened_mut() {
             if limit.somewhere {
                 limit.residual = T::select(use_guess, limit.residual, limit.slope);
             }
         }
-        for friction in self.dry_friction.rows.as_flattened_mut() {
-            if friction.somewhere {
-                friction.residual = T::select(use_guess, friction.residual, friction.slope);
-            }
+        for friction in &mut self.dry_friction.rows {
+            friction.residual = T::select(use_guess, friction.residual, friction.slope);
         }
         momentum.keep(use_guess);
         let mut acceleration = *smooth;
@@ -146,14 +149,14 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         for contact in self.contacts.iter_mut() {
             add_contact(contact, self.kinematics, &mut gradient, self.hessian);
         }
+        for friction in &mut self.dry_friction.rows {
+            let (limb, joint) = friction.joint;
+            gradient.limbs[limb][joint] += friction.gradient(friction.residual);
+            self.hessian.limbs[limb][joint][joint] +=
+                friction.weight.keep(friction.sticks(friction.residual));
+        }
         for limb in 0..L {
             for joint in 0..J {
-                let friction = &self.dry_friction.rows[limb][joint];
-                if friction.somewhere {
-                    gradient.limbs[limb][joint] += friction.gradient(friction.residual);
-                    self.hessian.limbs[limb][joint][joint] +=
-                        friction.weight.keep(friction.sticks(friction.residual));
-                }
                 let limit = &mut self.limits.rows[limb][joint];
                 if limit.somewhere {
                     limit.active = limit.residual.lt(T::zero());
@@ -171,11 +174,17 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn prepare_search(&mut self, step: &Coords<T, L, J>) {
         for contact in self.contacts.iter_mut() {
-            contact.slope = contact.along(self.kinematics, step);
+            contact.slope.linear = contact.along(step);
+            if contact.turns() {
+                contact.slope.angular = contact.around(self.kinematics, step);
+            }
+        }
+        for friction in &mut self.dry_friction.rows {
+            let (limb, joint) = friction.joint;
+            friction.slope = step.limbs[limb][joint];
         }
         for limb in 0..L {
             for joint in 0..J {
-                self.dry_friction.rows[limb][joint].slope = step.limbs[limb][joint];
                 let limit = &mut self.limits.rows[limb][joint];
                 if limit.somewhere {
                     limit.slope = limit.sign * step.limbs[limb][joint];
@@ -227,14 +236,6 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     /// not the same quadratic function there as at its beginning.
     #[inline(always)]
     fn along(&self, length: T, smooth: (T, T)) -> (T, T, T::Mask) {
-        T::run(
-            #[inline(always)]
-            || self.add_all_along(length, smooth),
-        )
-    }
-
-    #[inline(always)]
-    fn add_all_along(&self, length: T, smooth: (T, T)) -> (T, T, T::Mask) {
         let zero = T::zero();
         let mut slope = smooth.1.mul_add(length, smooth.0);
         let mut curvature = smooth.1;
@@ -242,14 +243,12 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         for contact in self.contacts.iter() {
             changed = changed | contact.add_along(length, &mut slope, &mut curvature);
         }
-        for friction in self.dry_friction.rows.as_flattened() {
-            if friction.somewhere {
-                let residual = friction.slope.mul_add(length, friction.residual);
-                changed = changed | friction.changes(friction.residual, residual);
-                slope = friction.gradient(residual).mul_add(friction.slope, slope);
-                let weighted = (friction.weight * friction.slope).keep(friction.sticks(residual));
-                curvature = weighted.mul_add(friction.slope, curvature);
-            }
+        for friction in &self.dry_friction.rows {
+            let residual = friction.slope.mul_add(length, friction.residual);
+            changed = changed | friction.changes(friction.residual, residual);
+            slope = friction.gradient(residual).mul_add(friction.slope, slope);
+            let weighted = (friction.weight * friction.slope).keep(friction.sticks(residual));
+            curvature = weighted.mul_add(friction.slope, curvature);
         }
         for limit in self.limits.rows.as_flattened() {
             if limit.somewhere {
@@ -267,9 +266,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn advance(&mut self, length: T) {
         for contact in self.contacts.iter_mut() {
-            contact.residual = contact.residual.moved(&contact.slope, length);
+            contact.residual = contact.moved(length);
         }
-        for friction in self.dry_friction.rows.as_flattened_mut() {
+        for friction in &mut self.dry_friction.rows {
             friction.residual = friction.slope.mul_add(length, friction.residual);
         }
         for limit in self.limits.rows.as_flattened_mut() {

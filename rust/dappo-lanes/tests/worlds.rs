@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
 
-use dappo_lanes::model::{Actuator, Cone, Inertia, Integrator, Link, Model, Point, Softness, Surface};
+use dappo_lanes::model::{
+    Actuator, Cone, Inertia, Integrator, Link, Model, Point, RimPlace, Softness, Surface,
+};
 use dappo_lanes::{Engine, Group, Precision, Readout, Simd};
 
 const LIMBS: usize = 4;
@@ -96,9 +98,51 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
 }
 
 const RK4: Integrator = Integrator::Rk4 { rotation_correction: true };
+const EULER: Integrator = Integrator::Euler { implicit_damping: true };
 
 fn classes(integrator: Integrator) -> Vec<Model> {
     [(1.0, 0.8), (0.1, 0.8), (1.0, 0.01), (3.0, 0.2)].map(|(m, r)| quadruped(m, r, integrator)).to_vec()
+}
+
+/// The same robots with every other feature of the engine.
+fn featured(cone: Cone) -> Vec<Model> {
+    let mut classes = classes(Integrator::ImplicitFast);
+    for class in &mut classes {
+        (class.cone, class.impedance_ratio) = (cone, 10.0);
+        (class.root_armature, class.root_damping) = (0.1, 0.3);
+        (class.root.compensated, class.root.compensated_com) = (0.5, [0.01, 0.0, 0.0]);
+        for link in class.limbs.iter_mut().flatten() {
+            (link.stiffness, link.spring_reference, link.friction_loss) = (2.0, 0.1, 0.3);
+            link.actuator_range = [-2.0, 1.5];
+        }
+        // Limbs of unequal length.
+        class.limbs[3].truncate(1);
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for (limb, point) in class.points.iter_mut().enumerate() {
+            point.dimensions = [1, 3, 4, 6][limb];
+            point.size = [0.05, 0.03, 0.04];
+            point.surface = match limb {
+                0 => Surface::Ball,
+                1 => Surface::Rim { axes, place: RimPlace::Lowest },
+                2 => Surface::Rim { axes, place: RimPlace::Left },
+                _ => Surface::Ellipsoid { axes },
+            };
+        }
+        class.points[3].link = Some((3, 0));
+    }
+    classes
+}
+
+/// Robots with all features and integrators, by name.
+fn robots() -> Vec<(&'static str, Vec<Model>)> {
+    vec![
+        ("RK4", classes(RK4)),
+        ("Euler", classes(EULER)),
+        ("implicitfast", classes(Integrator::ImplicitFast)),
+        ("explicit damping", classes(Integrator::Euler { implicit_damping: false })),
+        ("pyramidal cones, all features", featured(Cone::Pyramidal)),
+        ("elliptic cones, all features", featured(Cone::Elliptic)),
+    ]
 }
 
 /// A fixed sequence of numbers in [−1, 1) for each world (a linear congruential generator).
@@ -163,10 +207,10 @@ fn act(group: &mut dyn Group, lane: usize, world: u64, step: u64) {
 fn simulate(
     precision: Precision,
     simd: Simd,
-    integrator: Integrator,
+    classes: &[Model],
     lane_of: impl Fn(usize, usize) -> usize,
 ) -> Vec<Shown> {
-    let engine = Engine::new(classes(integrator), precision, simd).unwrap();
+    let engine = Engine::new(classes.to_vec(), precision, simd).unwrap();
     let width = engine.width();
     let mut shown = vec![];
     for first in (0..32).step_by(width) {
@@ -191,10 +235,10 @@ const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F64];
 fn a_world_does_not_depend_on_its_lane_or_its_neighbours() {
     for precision in PRECISIONS {
         for simd in Simd::available() {
-            for integrator in [RK4, Integrator::Euler, Integrator::ImplicitFast] {
-                let straight = simulate(precision, simd, integrator, |index, _| index);
-                let shifted = simulate(precision, simd, integrator, |index, width| (index + 3) % width);
-                assert_eq!(straight, shifted, "{precision:?} {simd:?} {integrator:?}");
+            for (robot, classes) in robots() {
+                let straight = simulate(precision, simd, &classes, |index, _| index);
+                let shifted = simulate(precision, simd, &classes, |index, width| (index + 3) % width);
+                assert_eq!(straight, shifted, "{precision:?} {simd:?} {robot}");
                 assert!(straight.iter().any(|world| world.touch.iter().any(|&force| force > 0.0)));
             }
         }
@@ -204,11 +248,11 @@ fn a_world_does_not_depend_on_its_lane_or_its_neighbours() {
 #[test]
 fn all_instruction_sets_compute_the_same_bits() {
     for precision in PRECISIONS {
-        for integrator in [RK4, Integrator::Euler, Integrator::ImplicitFast] {
-            let reference = simulate(precision, Simd::Portable, integrator, |index, _| index);
+        for (robot, classes) in robots() {
+            let reference = simulate(precision, Simd::Portable, &classes, |index, _| index);
             for simd in Simd::available() {
-                let other = simulate(precision, simd, integrator, |index, _| index);
-                assert_eq!(reference, other, "{precision:?} {simd:?} {integrator:?}");
+                let other = simulate(precision, simd, &classes, |index, _| index);
+                assert_eq!(reference, other, "{precision:?} {simd:?} {robot}");
             }
         }
     }
@@ -286,10 +330,10 @@ fn what_damage_may_not_change_is_named() {
     assert!(refusal(|class| class.gravity = 1.0).contains("damage class 2 changes gravity"));
     assert!(refusal(|class| class.limbs[0][0].zero = 1.0).contains("the axis of a joint"));
     assert!(refusal(|class| class.points.truncate(1)).contains("the number of contact points"));
-    assert!(refusal(|class| class.contact.width = 1.0).contains("the softness of contacts"));
-    assert!(refusal(|class| class.limbs[1].truncate(1)).contains("differ in their number of joints"));
-    let mut one = classes(RK4);
-    one.iter_mut().for_each(|class| class.limbs.truncate(1));
-    let message = Engine::new(one, Precision::F64, Simd::Portable).err().unwrap().to_string();
-    assert!(message.contains("1 limbs of 2 joints"), "{message}");
+    assert!(refusal(|class| class.points[0].softness.width = 1.0).contains("the softness of a contact"));
+    assert!(refusal(|class| class.limbs[1].truncate(1)).contains("the number of joints"));
+    let mut many = classes(RK4);
+    many.iter_mut().for_each(|class| class.limbs = class.limbs.repeat(2));
+    let message = Engine::new(many, Precision::F64, Simd::Portable).err().unwrap().to_string();
+    assert!(message.contains("8 limbs of up to 2 joints"), "{message}");
 }
