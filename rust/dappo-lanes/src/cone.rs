@@ -57,27 +57,32 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         self.frictions > 2
     }
 
-    /// The residual at a length of the slope from the present one.
+    /// Whether its cone is a pyramid with sliding friction alone. Most robots have no other contacts, so that
+    /// what others need is kept out of the loops in functions of its own.
     #[inline(always)]
-    pub fn moved(&self, length: T) -> Residual<T> {
-        let Residual { linear, angular } = &self.residual;
-        let mut there = Residual { linear: scale_add(self.slope.linear, length, *linear), angular: *angular };
-        if self.turns() {
-            there.angular = scale_add(self.slope.angular, length, *angular);
-        }
-        there
+    fn is_plain(&self) -> bool {
+        self.cone == Cone::Pyramidal && self.frictions == 2
     }
 
     /// Adds the cost at a residual to a sum.
     #[inline(always)]
     pub fn add_cost(&self, residual: &Residual<T>, sum: T) -> T {
+        if self.is_plain() {
+            self.add_pyramid_cost(residual.linear, sum)
+        } else {
+            T::run(
+                #[inline(always)]
+                move || self.add_any_cost(residual, sum),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn add_any_cost(&self, residual: &Residual<T>, sum: T) -> T {
         let half_weight = T::of(0.5) * self.weight;
         match self.cone {
             Cone::Pyramidal => {
-                let mut sum = sum;
-                for edge in edges(residual.linear) {
-                    sum = half_weight.mul_add(negative_square(edge), sum);
-                }
+                let mut sum = self.add_pyramid_cost(residual.linear, sum);
                 for friction in 2..self.frictions {
                     for edge in turning_edges(residual, friction) {
                         sum = half_weight.mul_add(negative_square(edge), sum);
@@ -85,55 +90,56 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                 }
                 sum
             }
-            Cone::Elliptic => T::run(
-                #[inline(always)]
-                || {
-                    let zone = self.zone(residual);
-                    let normal = residual.linear[0];
-                    let gap = normal - zone.friction;
-                    let sticking = normal * normal + zone.friction * zone.friction / self.cone_friction;
-                    let slipping = gap * gap / (T::of(1.0) + self.cone_friction);
-                    half_weight.mul_add(sticking.keep(zone.sticks) + slipping.keep(zone.slips), sum)
-                },
-            ),
+            Cone::Elliptic => {
+                let zone = self.zone(residual);
+                let normal = residual.linear[0];
+                let gap = normal - zone.friction;
+                let sticking = normal * normal + zone.friction * zone.friction / self.cone_friction;
+                let slipping = gap * gap / (T::of(1.0) + self.cone_friction);
+                half_weight.mul_add(sticking.keep(zone.sticks) + slipping.keep(zone.slips), sum)
+            }
         }
+    }
+
+    /// Adds the cost of the edges for sliding friction.
+    #[inline(always)]
+    fn add_pyramid_cost(&self, linear: Vec3<T>, mut sum: T) -> T {
+        let half_weight = T::of(0.5) * self.weight;
+        for edge in edges(linear) {
+            sum = half_weight.mul_add(negative_square(edge), sum);
+        }
+        sum
     }
 
     /// Derivatives of the cost at the present residual by its linear part.
     #[inline(always)]
     pub fn push(&self) -> Push<T> {
-        let zero = T::zero();
+        if self.is_plain() {
+            self.pyramid_push()
+        } else {
+            T::run(
+                #[inline(always)]
+                || self.any_push(),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn any_push(&self) -> Push<T> {
         match self.cone {
             Cone::Pyramidal => {
-                let residuals = edges(self.residual.linear);
-                let (mut weights, mut f) = ([zero; 4], [zero; 4]);
-                let mut active = [T::Mask::none(); 4];
-                for edge in 0..4 {
-                    active[edge] = residuals[edge].lt(zero);
-                    weights[edge] = self.weight.keep(active[edge]);
-                    f[edge] = weights[edge] * residuals[edge];
-                }
-                let (first, second) = (weights[0] + weights[1], weights[2] + weights[3]);
-                let (mut normal, mut stiffness) = ((f[0] + f[1]) + (f[2] + f[3]), first + second);
+                let mut push = self.pyramid_push();
                 for friction in 2..self.frictions {
                     for edge in turning_edges(&self.residual, friction) {
-                        let weight = self.weight.keep(edge.lt(zero));
-                        normal = weight.mul_add(edge, normal);
-                        stiffness += weight;
+                        let weight = self.weight.keep(edge.lt(T::zero()));
+                        push.gradient[0] = weight.mul_add(edge, push.gradient[0]);
+                        push.stiffness[0] += weight;
                     }
                 }
-                Push {
-                    gradient: [normal, f[0] - f[1], f[2] - f[3]],
-                    stiffness: [stiffness, first, second, weights[0] - weights[1], weights[2] - weights[3]],
-                    skew: None,
-                    active,
-                }
+                push
             }
             Cone::Elliptic => {
-                let ellipse = T::run(
-                    #[inline(always)]
-                    || self.ellipse(),
-                );
+                let ellipse = self.ellipse();
                 let [_, first, second] = self.residual.linear;
                 let (x, y) = (ellipse.unit * first, ellipse.unit * second);
                 Push {
@@ -149,6 +155,27 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                     active: [T::Mask::none(); 4],
                 }
             }
+        }
+    }
+
+    /// What the edges for sliding friction contribute to [`push`](Self::push).
+    #[inline(always)]
+    fn pyramid_push(&self) -> Push<T> {
+        let zero = T::zero();
+        let residuals = edges(self.residual.linear);
+        let (mut weights, mut f) = ([zero; 4], [zero; 4]);
+        let mut active = [T::Mask::none(); 4];
+        for edge in 0..4 {
+            active[edge] = residuals[edge].lt(zero);
+            weights[edge] = self.weight.keep(active[edge]);
+            f[edge] = weights[edge] * residuals[edge];
+        }
+        let (first, second) = (weights[0] + weights[1], weights[2] + weights[3]);
+        Push {
+            gradient: [(f[0] + f[1]) + (f[2] + f[3]), f[0] - f[1], f[2] - f[3]],
+            stiffness: [first + second, first, second, weights[0] - weights[1], weights[2] - weights[3]],
+            skew: None,
+            active,
         }
     }
 
@@ -190,65 +217,93 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         turn
     }
 
-    /// Adds the derivatives of the cost along the slope, at a length of it from the present residual, to
-    /// first and second; returns the lanes in which the cost is not the same quadratic function there.
+    /// First and second derivative of the cost along the slope, at a length of it from the present residual,
+    /// each added to a sum, and the lanes in which the cost is not the same quadratic function there.
     #[inline(always)]
-    pub fn add_along(&self, length: T, first: &mut T, second: &mut T) -> T::Mask {
-        let zero = T::zero();
-        let there = self.moved(length);
-        match self.cone {
-            Cone::Pyramidal => {
-                let (residuals, slopes) = (edges(there.linear), edges(self.slope.linear));
-                let mut changed = T::Mask::none();
-                for edge in 0..4 {
-                    let active = residuals[edge].lt(zero);
-                    changed = changed | (active ^ self.active[edge]);
-                    let weighted = (self.weight * slopes[edge]).keep(active);
-                    *first = weighted.mul_add(residuals[edge], *first);
-                    *second = weighted.mul_add(slopes[edge], *second);
-                }
-                for friction in 2..self.frictions {
-                    let (before, residuals) =
-                        (turning_edges(&self.residual, friction), turning_edges(&there, friction));
-                    let slopes = turning_edges(&self.slope, friction);
-                    for edge in 0..2 {
-                        let active = residuals[edge].lt(zero);
-                        changed = changed | (active ^ before[edge].lt(zero));
-                        let weighted = (self.weight * slopes[edge]).keep(active);
-                        *first = weighted.mul_add(residuals[edge], *first);
-                        *second = weighted.mul_add(slopes[edge], *second);
-                    }
-                }
-                changed & zero.lt(self.weight)
-            }
-            Cone::Elliptic => T::run(
+    pub fn add_along(&self, length: T, sums: (T, T)) -> (T, T, T::Mask) {
+        if self.is_plain() {
+            self.add_along_pyramid(length, sums)
+        } else {
+            T::run(
                 #[inline(always)]
-                || self.add_along_ellipse(&there, first, second),
-            ),
+                move || self.add_along_any(length, sums),
+            )
         }
     }
 
-    /// [`add_along`](Self::add_along) for an elliptic cone, at the residual `there`.
     #[inline(always)]
-    fn add_along_ellipse(&self, there: &Residual<T>, first: &mut T, second: &mut T) -> T::Mask {
+    fn add_along_any(&self, length: T, sums: (T, T)) -> (T, T, T::Mask) {
+        match self.cone {
+            Cone::Pyramidal => {
+                let (mut first, mut second, mut changed) = self.add_along_pyramid(length, sums);
+                let there = self.moved(length);
+                for friction in 2..self.frictions {
+                    let before = turning_edges(&self.residual, friction);
+                    let residuals = turning_edges(&there, friction);
+                    let slopes = turning_edges(&self.slope, friction);
+                    for edge in 0..2 {
+                        let active = residuals[edge].lt(T::zero());
+                        let switched = active ^ before[edge].lt(T::zero());
+                        changed = changed | (switched & T::zero().lt(self.weight));
+                        let weighted = (self.weight * slopes[edge]).keep(active);
+                        first = weighted.mul_add(residuals[edge], first);
+                        second = weighted.mul_add(slopes[edge], second);
+                    }
+                }
+                (first, second, changed)
+            }
+            Cone::Elliptic => self.add_along_ellipse(length, sums),
+        }
+    }
+
+    /// What the edges for sliding friction contribute to [`add_along`](Self::add_along).
+    #[inline(always)]
+    fn add_along_pyramid(&self, length: T, (mut first, mut second): (T, T)) -> (T, T, T::Mask) {
+        let zero = T::zero();
+        let residuals = edges(scale_add(self.slope.linear, length, self.residual.linear));
+        let slopes = edges(self.slope.linear);
+        let mut changed = T::Mask::none();
+        for edge in 0..4 {
+            let active = residuals[edge].lt(zero);
+            changed = changed | (active ^ self.active[edge]);
+            let weighted = (self.weight * slopes[edge]).keep(active);
+            first = weighted.mul_add(residuals[edge], first);
+            second = weighted.mul_add(slopes[edge], second);
+        }
+        (first, second, changed & zero.lt(self.weight))
+    }
+
+    #[inline(always)]
+    fn add_along_ellipse(&self, length: T, (first, second): (T, T)) -> (T, T, T::Mask) {
+        let there = &self.moved(length);
         let (before, zone) = (self.zone(&self.residual), self.zone(there));
         let (normal, rise) = (there.linear[0], self.slope.linear[0]);
         let across = self.slope.dot_friction(there);
         let square = self.slope.dot_friction(&self.slope);
         let inverse = T::of(1.0) / self.cone_friction;
         let stick = self.weight.keep(zone.sticks);
-        *first = stick.mul_add(normal.mul_add(rise, across * inverse), *first);
-        *second = stick.mul_add(rise.mul_add(rise, square * inverse), *second);
+        let first = stick.mul_add(normal.mul_add(rise, across * inverse), first);
+        let second = stick.mul_add(rise.mul_add(rise, square * inverse), second);
 
         let unit = zone.unit();
         let slip = self.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
         let along = across * unit;
         let (gap, closing) = (normal - zone.friction, rise - along);
         let bend = gap * unit * along.neg_mul_add(along, square);
-        *first = (slip * gap).mul_add(closing, *first);
-        *second = slip.mul_add(closing.mul_add(closing, -bend), *second);
+        let first = (slip * gap).mul_add(closing, first);
+        let second = slip.mul_add(closing.mul_add(closing, -bend), second);
         // Where a contact slips, its cost is not quadratic.
-        ((zone.sticks ^ before.sticks) | zone.slips | before.slips) & T::zero().lt(self.weight)
+        let changed = (zone.sticks ^ before.sticks) | zone.slips | before.slips;
+        (first, second, changed & T::zero().lt(self.weight))
+    }
+
+    /// The residual at a length of the slope from the present one.
+    #[inline(always)]
+    fn moved(&self, length: T) -> Residual<T> {
+        Residual {
+            linear: scale_add(self.slope.linear, length, self.residual.linear),
+            angular: scale_add(self.slope.angular, length, self.residual.angular),
+        }
     }
 
     #[inline(always)]

@@ -13,7 +13,7 @@ use crate::dry_friction::DryFriction;
 use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
 use crate::limit::Limits;
-use crate::math::{Axes, Vec3, add, cross, dot, rotate, sub, zero3};
+use crate::math::{Axes, Vec3, add, cross, dot, rotate, scale_add, sub, zero3};
 
 /// More than any state needs: MuJoCo's own default is 100, and four suffice for most.
 const MAX_ITERATIONS: usize = 100;
@@ -241,7 +241,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         let mut curvature = smooth.1;
         let mut changed = T::Mask::none();
         for contact in self.contacts.iter() {
-            changed = changed | contact.add_along(length, &mut slope, &mut curvature);
+            let contact_changed;
+            (slope, curvature, contact_changed) = contact.add_along(length, (slope, curvature));
+            changed = changed | contact_changed;
         }
         for friction in &self.dry_friction.rows {
             let residual = friction.slope.mul_add(length, friction.residual);
@@ -266,7 +268,10 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn advance(&mut self, length: T) {
         for contact in self.contacts.iter_mut() {
-            contact.residual = contact.moved(length);
+            contact.residual.linear = scale_add(contact.slope.linear, length, contact.residual.linear);
+            if contact.turns() {
+                contact.residual.angular = scale_add(contact.slope.angular, length, contact.residual.angular);
+            }
         }
         for friction in &mut self.dry_friction.rows {
             friction.residual = friction.slope.mul_add(length, friction.residual);

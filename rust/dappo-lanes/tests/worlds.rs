@@ -333,7 +333,7 @@ fn what_damage_may_not_change_is_named() {
     assert!(refusal(|class| class.points[0].softness.width = 1.0).contains("the softness of a contact"));
     assert!(refusal(|class| class.limbs[1].truncate(1)).contains("the number of joints"));
     let mut many = classes(RK4);
-    many.iter_mut().for_each(|class| class.limbs = class.limbs.repeat(2));
+    many.iter_mut().for_each(|class| class.limbs.extend(class.limbs.clone()));
     let message = Engine::new(many, Precision::F64, Simd::Portable).err().unwrap().to_string();
     assert!(message.contains("8 limbs of up to 2 joints"), "{message}");
 }
