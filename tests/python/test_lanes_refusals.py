@@ -114,7 +114,7 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
     # Contacts.
     "self-collision": (
         ((DEFAULT_GEOM, '<geom type="capsule"'),),
-        "touch each other by contype and conaffinity",
+        "geom 1 of body `plate` and geom 2 of body `north` touch each other by contype and conaffinity",
     ),
     "tilted floor": (((FLOOR, f'{FLOOR} euler="0.1 0 0"'),), "is not level"),
     "floor in a body": (

@@ -155,6 +155,10 @@ impl ModelArrays {
         let name = self.names.get(start..).unwrap_or_default().split(|&byte| byte == 0).next();
         match name.map(String::from_utf8_lossy) {
             Some(name) if !name.is_empty() => format!("{kind} `{name}`"),
+            _ if owner == Owner::Geom => {
+                let body = self.called(Owner::Body, self.geom_bodyid[index] as usize);
+                format!("{kind} {index} of {body}")
+            }
             _ => format!("{kind} {index}"),
         }
     }

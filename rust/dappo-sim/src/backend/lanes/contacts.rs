@@ -59,7 +59,9 @@ impl Contacts {
 
 /// Finds what of the geoms is refused, whatever carries them: contacts by masks instead of pairs, and shapes.
 pub(super) fn check_geoms(model: &ModelArrays, reasons: &mut Reasons) {
-    if let Some((a, b)) = masks_match(model).next() {
+    let moves = |geom: usize| model.geom_bodyid[geom] != 0;
+    let within = masks_match(model).find(|&(a, b)| moves(a) && moves(b));
+    if let Some((a, b)) = within.or_else(|| masks_match(model).next()) {
         let (one, two) = (model.called(Owner::Geom, a), model.called(Owner::Geom, b));
         reasons.add(format!(
             "{one} and {two} touch each other by contype and conaffinity; it supports explicit contact pairs \
