@@ -103,7 +103,7 @@ BAD_USAGE = [
     (
         ("train", "--robot", TRIPOD, "--backend", "lanes"),
         1,
-        ["lane engine cannot simulate", "sphere, capsule or box"],
+        ["lane engine cannot simulate", "tendon `belt` has a spring"],
     ),
     (("train", "--set", "ppo.preset=papre"), 1, ["papre", "paper", "batch"]),
     (("train", "--set", "damage.max_damaged_limbs=5"), 1, ["5", "4 limbs"]),
