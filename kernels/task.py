@@ -80,7 +80,13 @@ class Task:
         if table.touch_addresses:
             for row, limbs in zip(disabled, table.disabled_touch, strict=True):
                 row[list(limbs)] = True
-        low, high = spec["termination"]["height"]
+        # A task in the present form has sections of other names than one of an earlier version.
+        low, high = spec.get("terminations", spec.get("termination"))["height"]
+        observation = spec["observation"]
+        if "rewards" in spec:
+            terms = tuple({"term": name} | term for name, term in spec["rewards"].items())
+        else:
+            terms = tuple(spec["reward"][reward or spec["reward"]["default"]]["terms"])
         return cls(
             models=table.models,
             codes=np.array([item.code for item in table.space.classes], dtype=np.float32),
@@ -90,12 +96,12 @@ class Task:
             main_body=table.main_body,
             frame_skip=int(spec["frame_skip"]),
             max_episode_steps=int(spec["max_episode_steps"]),
-            action_scale=float(spec["action_scale"]),
+            action_scale=float(spec["actions"]["scale"] if "actions" in spec else spec["action_scale"]),
             qpos_noise=float(spec["reset"]["qpos_noise"]),
             qvel_noise=float(spec["reset"]["qvel_noise"]),
             height=(float(low), float(high)),
-            observation=tuple(spec["observation"]["terms"]),
-            reward=tuple(spec["reward"][reward or spec["reward"]["default"]]["terms"]),
+            observation=tuple(observation.get("policy", observation)["terms"]),
+            reward=terms,
         )
 
     @property

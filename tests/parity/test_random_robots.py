@@ -28,6 +28,7 @@ FEATURES = [
     "explicit damping",
     "free joint",
     "gravity compensation",
+    "gravity on a slope",
     "impratio",
     "shapes",
     "softness",
@@ -124,6 +125,8 @@ class _RandomRobot:
         )
         if "elliptic" in features:
             option.set("cone", "elliptic")
+        if "gravity on a slope" in features:
+            option.set("gravity", " ".join(map(str, rng.uniform([-4, -4, -12], [4, 4, -5]))))
         if "impratio" in features:
             option.set("impratio", f"{rng.choice([0.3, 5.0, 100.0])}")
         if "explicit damping" in features:

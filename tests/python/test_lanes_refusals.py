@@ -218,7 +218,6 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
     "water": ((option('density="1000"'),), "a fluid's density (opt.density = 1000)"),
     "honey": ((option('viscosity="2"'),), "a fluid's viscosity (opt.viscosity = 2)"),
     "wind": ((option('wind="0 3 0"'),), "wind (opt.wind = 3)"),
-    "slope": ((option('gravity="1 0 -9.81"'),), "not along z"),
     # The solver.
     "no-slip solver": ((option('noslip_iterations="3"'),), "a no-slip solver"),
     "another integrator": (((OPTION, OPTION.replace("fast", "")),), "opt.integrator is 2"),

@@ -119,6 +119,20 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         return self._core.backend_note
 
     @property
+    def reward_names(self) -> list[str]:
+        """Names of the terms of the reward, K of them."""
+        return self._core.reward_names
+
+    @property
+    def reward_terms(self) -> NDArray[np.float64]:
+        """Terms of the rewards of the last step, their weights included, [N, K].
+
+        Their sum over K is the reward, but for envs that were reset in that step or whose physics diverged.
+        The device kernels of the backend ``"warp"`` do not report them: they are 0.
+        """
+        return self._give(self._core.reward_terms)
+
+    @property
     def precision(self) -> str:
         """Floating-point format of the simulation, ``"f32"`` or ``"f64"``."""
         return self._core.precision

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
@@ -98,6 +99,10 @@ class ClassTable:
         Each worker thread needs one; envs need only states.
         """
         return [mujoco.MjData(self.models[0]) for _ in range(count)]
+
+    def worker_models(self) -> list[mujoco.MjModel]:
+        """Return a copy of every model, for a worker thread that changes its numbers from env to env."""
+        return [copy.copy(model) for model in self.models]
 
 
 def compile_class_table(

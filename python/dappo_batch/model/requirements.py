@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from dappo_batch.model.anatomy import default_pose, foot_faults
 from dappo_batch.robots.faults import raise_faults
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Parts", "find_parts"]
 
+_ANY_HEIGHT = (-float("inf"), float("inf"))
 _LONGEST_STEP = 10.0
 """Maximum duration of an env step, s."""
 _LARGEST = float(np.finfo(np.float32).max)
@@ -80,6 +82,7 @@ def find_parts(robot: Robot, model: mujoco.MjModel) -> Parts:
     main_body = search.find(_BODY, robot.main_body, "main_body")
     search.check_root(main_body, limb_bodies)
     search.check_camera()
+    search.faults += foot_faults(robot, model, limb_bodies)
     search.check_numbers()
     if not search.faults:
         search.check_start()
@@ -218,7 +221,8 @@ class _Search:
         for name in dir(model.opt):
             if not name.startswith("_"):
                 self._check_array(f"opt.{name}", np.asarray(getattr(model.opt, name)))
-        for index, term in enumerate(self.robot.spec["observation"]["terms"]):
+        observation = self.robot.spec["observation"]
+        for index, term in enumerate(observation.get("policy", observation)["terms"]):
             if term["term"] == "qpos" and term.get("skip", 0) >= model.nq:
                 self.faults.append(
                     f"[observation] term {index}: qpos skips {term['skip']} of {model.nq} positions;"
@@ -242,8 +246,10 @@ class _Search:
     def check_start(self) -> None:
         """Check the initial pose of episodes, and that the physics of the first env step does not diverge."""
         model, spec = self.model, self.robot.spec
-        (low, high), noise = spec["termination"]["height"], spec["reset"]["qpos_noise"]
-        height = float(model.qpos0[2])
+        limits = spec.get("terminations", spec.get("termination", {}))
+        (low, high), noise = limits.get("height", _ANY_HEIGHT), spec["reset"]["qpos_noise"]
+        start = default_pose(self.robot, model)
+        height = start[2]
         if not low <= height - noise <= height + noise <= high:
             self.faults.append(
                 f"episodes begin at a height of {height:.6g} m, plus or minus the qpos_noise of {noise:g},"
@@ -253,6 +259,7 @@ class _Search:
                 " the height of the free body in the MJCF"
             )
         data = mujoco.MjData(model)
+        data.qpos[:] = start
         mujoco.mj_step(model, data, nstep=int(spec["frame_skip"]))
         if any(data.warning.number[int(warning)] for warning in _DIVERGED):
             self.faults.append(

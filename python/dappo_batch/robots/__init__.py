@@ -14,15 +14,20 @@ from pathlib import Path
 from typing import Any
 
 from dappo_batch._checks import folder
-from dappo_batch._core import ConfigError, robot_faults
+from dappo_batch._core import ConfigError, robot_faults, robot_with_task
 from dappo_batch.robots.faults import raise_faults
 
-__all__ = ["DEFAULT_ROBOT", "ROBOTS", "Limb", "Robot", "built_in_config", "load_robot"]
+__all__ = ["DEFAULT_ROBOT", "ROBOTS", "TASKS", "Limb", "Robot", "built_in_config", "load_robot"]
 
 _FOLDER = Path(__file__).resolve().parent
 
 ROBOTS: tuple[str, ...] = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")))
 """Names of the built-in robots."""
+
+_TASKS = _FOLDER.parent / "tasks"
+
+TASKS: tuple[str, ...] = tuple(sorted(path.stem for path in _TASKS.glob("*.toml")))
+"""Names of the built-in tasks."""
 
 DEFAULT_ROBOT = "ant"
 """The default robot of commands."""
@@ -50,6 +55,8 @@ class Limb:
         Touch sensor of the limb.
     touch_site : str or None
         Site of the touch sensor; it is shortened together with the toe.
+    foot : str or None
+        Geom or site whose centre is the foot, for the terms of a task that refer to feet.
     """
 
     name: str
@@ -58,6 +65,7 @@ class Limb:
     toe_geom: str | None = None
     touch: str | None = None
     touch_site: str | None = None
+    foot: str | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class Robot:
     name : str
         Name of the robot.
     toml_text : str
-        Text of the robot TOML.
+        Text of the robot TOML, which contains the entries of its task.
     path : pathlib.Path
         Path of the robot TOML.
     spec : dict
@@ -157,7 +165,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 f"unknown robot {str(name_or_path)!r}: expected one of {', '.join(ROBOTS)}, or the path of a"
                 " robot TOML (a file that ends in .toml; copy robots/ant.toml to write one)"
             )
-    text = _read(path)
+    text = _with_task(_read(path), path)
     faults = robot_faults(text)
     raise_faults(f"the robot TOML {path}", faults)
     try:
@@ -171,17 +179,40 @@ def load_robot(name_or_path: str | Path) -> Robot:
     return robot
 
 
-def _read(path: Path) -> str:
+def _with_task(text: str, path: Path) -> str:
+    """Return the text of a robot TOML with the entries of the task that its entry ``task`` names."""
+    try:
+        name = tomllib.loads(text).get("task")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text  # a fault, which is described below
+    if not isinstance(name, str):
+        return text
+    if name in TASKS:
+        file = _TASKS / f"{name}.toml"
+    elif name.endswith(".toml"):
+        file = path.parent / name
+    else:
+        raise ConfigError(
+            f"the robot TOML {path}: `task` is {name!r}, expected one of {', '.join(TASKS)}, or the path of a"
+            " task TOML (a file that ends in .toml), relative to the robot TOML"
+        )
+    try:
+        return robot_with_task(text, _read(file, "task"), file.stem)
+    except ConfigError as error:
+        raise ConfigError(f"the robot TOML {path}: {error}") from error
+
+
+def _read(path: Path, kind: str = "robot") -> str:
     try:
         if path.exists() and not path.is_file():
-            raise ConfigError(f"cannot read the robot TOML {path}: it is not a regular file")
+            raise ConfigError(f"cannot read the {kind} TOML {path}: it is not a regular file")
         with path.open("rb") as file:
             # One byte more than the limit, so that the check fails for larger files.
             return file.read(_MOST_BYTES + 1).decode("utf-8")
     except OSError as error:
-        raise ConfigError(f"cannot read the robot TOML {path}: {error.strerror or error}") from error
+        raise ConfigError(f"cannot read the {kind} TOML {path}: {error.strerror or error}") from error
     except ValueError as error:  # not UTF-8, or a zero byte in the path
-        raise ConfigError(f"cannot read the robot TOML {path}: {error}") from error
+        raise ConfigError(f"cannot read the {kind} TOML {path}: {error}") from error
 
 
 def _limb(entry: dict[str, Any]) -> Limb:

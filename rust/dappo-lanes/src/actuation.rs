@@ -7,6 +7,8 @@ use crate::lane::Lane;
 /// Forces on the joints, and how they fall with velocity.
 pub struct Actuation<T, const L: usize, const J: usize> {
     pub force: [[T; J]; L],
+    /// Forces of the motors and servos alone, along their own lengths.
+    pub motor: [[T; J]; L],
     /// −∂force/∂velocity through damping alone: what Euler treats implicitly.
     pub damping: [[T; J]; L],
     /// The same through damping and actuators: what implicitfast treats implicitly.
@@ -16,7 +18,7 @@ pub struct Actuation<T, const L: usize, const J: usize> {
 impl<T: Lane, const L: usize, const J: usize> Actuation<T, L, J> {
     pub fn zero() -> Self {
         let zero = [[T::zero(); J]; L];
-        Self { force: zero, damping: zero, drag: zero }
+        Self { force: zero, motor: zero, damping: zero, drag: zero }
     }
 }
 
@@ -51,7 +53,9 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
                     }
                     drag -= (motor.gear * motor.gear * slope).keep(free);
                 }
-                force = motor.gear * force.clamp(lowest, highest);
+                force = force.clamp(lowest, highest);
+                out.motor[limb][joint] = force;
+                force = motor.gear * force;
                 if shared.limited_torque {
                     force = force.clamp(link.actuator_range[0], link.actuator_range[1]);
                 }

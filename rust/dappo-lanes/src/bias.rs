@@ -38,13 +38,13 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
     let root = Motion {
         angular_velocity: velocity.angular(),
         angular_acceleration: zero3(),
-        acceleration: [T::zero(), T::zero(), T::splat(skeleton.gravity)],
+        acceleration: constants.lift,
     };
     let mut forces = Coords::zero();
     let mut total_force = scale(root.acceleration_at(kinematics.root_com), constants.root.mass);
     let mut total_torque = add(euler(&root, &tensors.root), cross(kinematics.root_com, total_force));
     if skeleton.compensates {
-        let (force, torque) = compensation(skeleton, &constants.root, &kinematics.root, zero3());
+        let (force, torque) = compensation(constants.lift, &constants.root, &kinematics.root, zero3());
         total_force = sub(total_force, force);
         total_torque = sub(total_torque, torque);
     }
@@ -69,7 +69,7 @@ pub fn bias<T: Lane, const L: usize, const J: usize>(
             wrenches[joint] = (force, torque);
             if skeleton.compensates {
                 let body = &constants.links[limb][joint].body;
-                let (lift, turn) = compensation(skeleton, body, &pose.axes, pose.anchor);
+                let (lift, turn) = compensation(constants.lift, body, &pose.axes, pose.anchor);
                 wrenches[joint] = (sub(force, lift), sub(torque, turn));
             }
         }
@@ -96,12 +96,12 @@ fn euler<T: Lane>(motion: &Motion<T>, tensor: &[T; 6]) -> Vec3<T> {
 
 /// Force and torque about the root's origin that compensate the weight of a body (`gravcomp`).
 #[inline(always)]
-fn compensation<T: Lane, const L: usize, const J: usize>(
-    skeleton: &Skeleton<T, L, J>,
+fn compensation<T: Lane>(
+    lift: Vec3<T>,
     body: &Body<T>,
     axes: &Axes<T>,
     origin: Vec3<T>,
 ) -> (Vec3<T>, Vec3<T>) {
-    let force = [T::zero(), T::zero(), body.compensated * T::splat(skeleton.gravity)];
+    let force = scale(lift, body.compensated);
     (force, cross(add(origin, rotate(axes, body.compensated_com)), force))
 }

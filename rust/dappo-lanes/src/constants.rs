@@ -12,7 +12,6 @@ use crate::model::{Cone, Inertia, Integrator, Link, Model, Point, RimPlace, Soft
 pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub timestep: f64,
     pub integrator: Integrator,
-    pub gravity: T::Scalar,
     pub floor: T::Scalar,
     /// Whether the weight of some body is compensated.
     pub compensates: bool,
@@ -141,7 +140,6 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
         Ok(Self {
             timestep: model.timestep,
             integrator: model.integrator,
-            gravity: T::scalar(model.gravity),
             floor: T::scalar(model.floor),
             compensates: inertias().any(|inertia| inertia.compensated != 0.0),
             cone: model.cone,
@@ -172,7 +170,6 @@ fn difference(a: &Model, b: &Model) -> Option<&'static str> {
         |(a, b): (&Point, &Point)| (a.link, a.body, a.touch, a.margin) == (b.link, b.body, b.touch, b.margin);
     [
         ("the integrator or its timestep", (a.timestep, a.integrator) == (b.timestep, b.integrator)),
-        ("gravity", a.gravity == b.gravity),
         ("the floor", a.floor == b.floor),
         ("the friction cones", (a.cone, a.impedance_ratio) == (b.cone, b.impedance_ratio)),
         ("the number of joints", lengths(a) == lengths(b)),
@@ -255,6 +252,8 @@ fn shared_point<T: Lane>(point: &Point, cone: Cone) -> Carrier<T> {
 
 /// What a damage class may change, lane by lane.
 pub struct Constants<T, const L: usize, const J: usize> {
+    /// Acceleration upwards that has the effect of gravity.
+    pub lift: Vec3<T>,
     pub root: Body<T>,
     pub root_armature: T,
     pub root_damping: T,
@@ -352,6 +351,7 @@ impl<T: Lane, const L: usize, const J: usize> Constants<T, L, J> {
             softness: zero,
         };
         Self {
+            lift: zero3(),
             root: body,
             root_armature: zero,
             root_damping: zero,
@@ -363,6 +363,8 @@ impl<T: Lane, const L: usize, const J: usize> Constants<T, L, J> {
 
     /// Gives a lane the numbers of a damage class.
     pub fn set(&mut self, lane: usize, model: &Model) {
+        // Not −g, which would be −0 along x and y.
+        set_all(&mut self.lift, lane, &model.gravity.map(|g| 0.0 - g));
         self.root.set(lane, &model.root);
         self.root_armature.set(lane, model.root_armature);
         self.root_damping.set(lane, model.root_damping);

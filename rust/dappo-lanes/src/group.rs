@@ -1,5 +1,7 @@
 //! A group of worlds that share the lanes of SIMD registers.
 
+use crate::model::Model;
+
 /// Where [`Group::read`] writes the state of one world.
 #[derive(Debug)]
 pub struct Readout<'a> {
@@ -22,8 +24,14 @@ pub trait Group: Send + Sync {
     /// Changes the damage class of a world; its state is kept.
     fn set_class(&mut self, lane: usize, class: usize);
 
+    /// Gives a world the numbers of a model of the same robot that is none of its damage classes; its state is kept.
+    fn set_model(&mut self, lane: usize, model: &Model);
+
     /// Places a world at rest from forces: nothing remains of its past.
     fn set_state(&mut self, lane: usize, qpos: &[f64], qvel: &[f64]);
+
+    /// Adds to the velocities of the root, linear along the world's axes, then angular along its own.
+    fn add_root_velocity(&mut self, lane: usize, change: [f64; 6]);
 
     /// Sets the controls of a world, `[actuators]`.
     fn set_ctrl(&mut self, lane: usize, ctrl: &[f64]);
@@ -42,6 +50,9 @@ pub trait Group: Send + Sync {
 
     /// Accelerations of the last evaluation of forces, `[nv]`.
     fn accelerations(&self, lane: usize, qacc: &mut [f64]);
+
+    /// Forces of the actuators at the last evaluation of a step, `[actuators]`.
+    fn actuator_forces(&self, lane: usize, forces: &mut [f64]);
 
     /// Numbers in a state row.
     fn row(&self) -> usize;

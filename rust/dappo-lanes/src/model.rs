@@ -18,8 +18,8 @@ pub struct Model {
     pub cone: Cone,
     /// Ratio of frictional to normal impedance of contacts (`opt.impratio`).
     pub impedance_ratio: f64,
-    /// Gravitational acceleration along −z, m/s².
-    pub gravity: f64,
+    /// Gravitational acceleration, m/s².
+    pub gravity: Vector,
     /// Height of the floor, m.
     pub floor: f64,
     /// Scale of the solver's stopping rule: mean diagonal of the mass matrix (`stat.meaninertia`).

@@ -44,6 +44,8 @@ pub struct Worlds<T: Lane, const L: usize, const J: usize> {
     evaluated_x: Vec<f64>,
     qacc: Coords<T, L, J>,
     forces: Forces<T>,
+    /// Forces of the motors and servos.
+    motor_force: [[T; J]; L],
 }
 
 /// Keeps what the last substep of a step shows.
@@ -51,6 +53,7 @@ struct Recorder<'a, T: Lane, const L: usize, const J: usize> {
     skeleton: &'a Skeleton<T, L, J>,
     forces: &'a mut Forces<T>,
     qacc: &'a mut Coords<T, L, J>,
+    motor_force: &'a mut [[T; J]; L],
     mask: T::Mask,
     /// x of the root at the last evaluation.
     x: T,
@@ -72,6 +75,7 @@ impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_,
         if self.listening {
             self.forces.set_bodies(self.skeleton, dynamics, self.mask);
             *self.qacc = dynamics.qacc();
+            *self.motor_force = dynamics.actuation.motor;
             self.x = position.root[0];
         }
     }
@@ -92,6 +96,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
             ctrl: [[T::zero(); J]; L],
             evaluated_x: vec![0.0; T::WIDTH],
             qacc: Coords::zero(),
+            motor_force: [[T::zero(); J]; L],
             forces: Forces::zero(skeleton.bodies, skeleton.touch_sensors),
             robot,
         };
@@ -180,6 +185,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
             skeleton,
             forces: &mut self.forces,
             qacc: &mut self.qacc,
+            motor_force: &mut self.motor_force,
             mask,
             x: T::zero(),
             listening: false,
@@ -202,6 +208,16 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
 
     fn set_class(&mut self, lane: usize, class: usize) {
         self.constants.set(lane, &self.robot.classes[class]);
+    }
+
+    fn set_model(&mut self, lane: usize, model: &Model) {
+        self.constants.set(lane, model);
+    }
+
+    fn add_root_velocity(&mut self, lane: usize, change: [f64; 6]) {
+        for (entry, change) in self.state.velocity.root.iter_mut().zip(change) {
+            entry.set(lane, entry.get(lane) + change);
+        }
     }
 
     fn set_state(&mut self, lane: usize, qpos: &[f64], qvel: &[f64]) {
@@ -263,12 +279,22 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
         }
     }
 
-    fn evaluated_x(&self, lane: usize) -> f64 {
-        self.evaluated_x[lane]
-    }
-
     fn accelerations(&self, lane: usize, qacc: &mut [f64]) {
         self.read_coords(&self.qacc, lane, qacc);
+    }
+
+    fn actuator_forces(&self, lane: usize, forces: &mut [f64]) {
+        for (limb, joints) in self.robot.skeleton.joints.iter().enumerate() {
+            for (joint, shared) in joints.iter().enumerate() {
+                if let Some(actuator) = shared.actuator {
+                    forces[actuator] = self.motor_force[limb][joint].get(lane);
+                }
+            }
+        }
+    }
+
+    fn evaluated_x(&self, lane: usize) -> f64 {
+        self.evaluated_x[lane]
     }
 
     fn row(&self) -> usize {

@@ -83,7 +83,7 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
         integrator,
         cone: Cone::Pyramidal,
         impedance_ratio: 1.0,
-        gravity: 9.81,
+        gravity: [0.0, 0.0, -9.81],
         floor: 0.0,
         mean_inertia: 0.5,
         root: body(2.0, 0.0),
@@ -327,7 +327,7 @@ fn what_damage_may_not_change_is_named() {
         change(&mut classes[2]);
         Engine::new(classes, Precision::F64, Simd::Portable).err().unwrap().to_string()
     };
-    assert!(refusal(|class| class.gravity = 1.0).contains("damage class 2 changes gravity"));
+    assert!(refusal(|class| class.floor = 1.0).contains("damage class 2 changes the floor"));
     assert!(refusal(|class| class.limbs[0][0].zero = 1.0).contains("the axis of a joint"));
     assert!(refusal(|class| class.points.truncate(1)).contains("the number of contact points"));
     assert!(refusal(|class| class.points[0].softness.width = 1.0).contains("the softness of a contact"));

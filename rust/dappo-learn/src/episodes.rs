@@ -17,6 +17,8 @@ pub struct EpisodeTracker {
     /// Steps, `[N]`.
     pub lengths: Vec<f64>,
     ended: Ended,
+    /// Σ of each term of the reward over all steps of an iteration, and their number.
+    reward_terms: (Vec<f64>, u64),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -52,11 +54,19 @@ impl EpisodeTracker {
             returns: vec![0.0; envs],
             lengths: vec![0.0; envs],
             ended: Ended::default(),
+            reward_terms: (Vec::new(), 0),
         }
     }
 
     /// Adds one step of a same-step vector env.
     pub fn add(&mut self, buffers: &Buffers) {
+        let (sums, steps) = &mut self.reward_terms;
+        let envs = self.forward.len();
+        sums.resize(buffers.reward_terms.len() / envs.max(1), 0.0);
+        for row in buffers.reward_terms.chunks_exact(sums.len().max(1)) {
+            sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+        }
+        *steps += envs as u64;
         for env in 0..self.forward.len() {
             let ended = buffers.final_mask[env];
             // The reset has already overwritten the velocity of an env whose episode ended.
@@ -97,6 +107,13 @@ impl EpisodeTracker {
         self.ended.forward += std::mem::take(&mut self.forward[env]);
         self.ended.returns += std::mem::take(&mut self.returns[env]);
         self.ended.length += std::mem::take(&mut self.lengths[env]);
+    }
+
+    /// The mean of each term of the reward over the env steps since the last call; empty where the steps came without
+    /// their terms.
+    pub(crate) fn mean_reward_terms(&mut self) -> Vec<f64> {
+        let (sums, steps) = std::mem::take(&mut self.reward_terms);
+        sums.into_iter().map(|sum| sum / steps as f64).collect()
     }
 
     /// The means since the last call.

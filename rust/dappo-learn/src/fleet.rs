@@ -6,7 +6,7 @@ use crate::error::{LearnError, Result};
 
 const NOT_OBSERVED: &str = "the robot's observation does not determine its state, so a twin cannot be \
                             re-synchronised with it; add `qpos` (with `skip` of at most 2) and `qvel` to \
-                            `observation.terms`, or use the preset `paper`";
+                            `observation.policy.terms`, or use the preset `paper`";
 
 /// N robots.
 pub struct Fleet {
@@ -20,6 +20,7 @@ pub struct Fleet {
     /// Divergences so far.
     pub divergences: u64,
     rewards: Vec<f64>,
+    reward_terms: Vec<f64>,
     forward_velocity: Vec<f64>,
 }
 
@@ -34,6 +35,7 @@ impl Fleet {
             diverged: vec![false; envs],
             divergences: 0,
             rewards: vec![0.0; envs],
+            reward_terms: vec![0.0; envs * backend.task().reward_len()],
             forward_velocity: vec![0.0; envs],
             backend,
         }
@@ -115,6 +117,7 @@ impl Fleet {
         let outputs = StepOutputs {
             obs: ObsRows { data: &mut self.obs, stride },
             rewards: &mut self.rewards,
+            reward_terms: &mut self.reward_terms,
             terminated: &mut self.fallen,
             forward_velocity: &mut self.forward_velocity,
             diverged: &mut self.diverged,

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicIsize, Ordering};
 
 use burn::tensor::Device;
+use dappo_learn::envs::Sizes;
 use dappo_learn::{Ppo, PpoConfig, Rollout, gae};
 use dappo_sim::rng::{Purpose, Stream};
 
@@ -61,7 +62,7 @@ fn update(ppo: &mut Ppo) {
     let mut stream = Stream::new(11, ppo.updates(), Purpose::ActionNoise);
     let mut normals = |count: usize| -> Vec<f32> { (0..count).map(|_| stream.normal() as f32).collect() };
     let networks = ppo.frozen().unwrap();
-    let mut rollout = Rollout::new(horizon, envs, 2, networks.policy.transform().clone());
+    let mut rollout = Rollout::new(horizon, envs, 2, networks.transform().clone());
     for step in 0..horizon {
         let (obs, noise) = (normals(envs * 3), normals(envs * 2));
         let decision = networks.act(&obs, &noise).unwrap();
@@ -75,7 +76,13 @@ fn update(ppo: &mut Ppo) {
 }
 
 fn learner() -> Ppo {
-    Ppo::new(&config(), 3, 1, 2, 7, &Device::flex()).unwrap()
+    Ppo::new(
+        &config(),
+        Sizes { obs_dim: 3, privileged: 0, code_length: 1, action_dim: 2 },
+        7,
+        &Device::flex(),
+    )
+    .unwrap()
 }
 
 fn save_and_load(folder: &Path) {

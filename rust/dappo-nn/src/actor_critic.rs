@@ -30,30 +30,43 @@ pub struct ActorCritic {
 }
 
 impl ActorCritic {
-    /// Draws new networks with hidden layers of the given widths; `normal` yields standard normals.
+    /// Draws new networks with hidden layers of the given widths; `normal` yields standard normals. The value net
+    /// observes rows of `obs_dim` entries, the policy the same without `privileged` ones of them.
     pub fn new(
         obs_dim: usize,
+        privileged: usize,
         hidden: &[usize],
         action_dim: usize,
         initial_log_std: f64,
         normal: &mut dyn FnMut() -> f64,
         device: &Device,
     ) -> Self {
-        let sizes = |outputs: usize| [&[obs_dim], hidden, &[outputs]].concat();
+        let sizes = |inputs: usize, outputs: usize| [&[inputs], hidden, &[outputs]].concat();
         let log_std = TensorData::new(vec![initial_log_std as f32; action_dim], [action_dim]);
         Self {
             policy: GaussianPolicy {
-                mean: Mlp::new(&sizes(action_dim), POLICY_OUTPUT_GAIN, normal, device),
+                mean: Mlp::new(
+                    &sizes(obs_dim - privileged, action_dim),
+                    POLICY_OUTPUT_GAIN,
+                    normal,
+                    device,
+                ),
                 log_std: Param::from_data(log_std, device),
             },
-            value: Mlp::new(&sizes(1), 1.0, normal, device),
+            value: Mlp::new(&sizes(obs_dim, 1), 1.0, normal, device),
         }
     }
 
-    /// Length of an observation, damage code included.
+    /// Length of an observation, privileged entries and damage code included.
     #[must_use]
     pub fn obs_dim(&self) -> usize {
         self.value.sizes().first().copied().unwrap_or(0)
+    }
+
+    /// Number of entries of an observation that the value net alone is given.
+    #[must_use]
+    pub fn privileged(&self) -> usize {
+        self.obs_dim() - self.policy.mean.sizes().first().copied().unwrap_or(0)
     }
 
     /// Length of an action.
@@ -69,7 +82,9 @@ impl ActorCritic {
 
     /// What is left of the networks for acting, on observations with these statistics.
     pub fn frozen(&self, normalizer: &Normalizer) -> Result<FrozenActorCritic> {
-        let policy = Policy::new(self.policy.mean.frozen()?, normalizer.transform()?)?;
-        FrozenActorCritic::new(policy, self.log_std()?, self.value.frozen()?)
+        let transform = normalizer.transform()?;
+        let seen = transform.without_privileged(self.privileged())?;
+        let policy = Policy::new(self.policy.mean.frozen()?, seen)?;
+        FrozenActorCritic::new(policy, self.log_std()?, self.value.frozen()?, transform)
     }
 }

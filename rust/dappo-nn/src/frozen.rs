@@ -1,7 +1,9 @@
 //! The policy and the value net of one iteration, as rollouts take them.
 
+use std::borrow::Cow;
+
 use crate::error::{Result, check_length};
-use crate::{FrozenMlp, LN_SQRT_TAU, Policy};
+use crate::{FrozenMlp, InputTransform, LN_SQRT_TAU, Policy};
 
 /// What collects rollouts: a policy that explores, and a value net.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,8 +12,10 @@ pub struct FrozenActorCritic {
     pub policy: Policy,
     /// Logarithm of the standard deviation of every action component, `[A]`.
     log_std: Vec<f32>,
-    /// Over the same inputs; its unit is that of rewards × (1 − γ).
+    /// Its unit is that of rewards × (1 − γ).
     value: FrozenMlp,
+    /// What the value net gets of a row: all of it. The policy gets the same without privileged entries.
+    transform: InputTransform,
 }
 
 /// What the policy decided for N observations, and what the value net estimates of them.
@@ -28,14 +32,26 @@ pub struct Decision {
 }
 
 impl FrozenActorCritic {
-    /// A policy with a standard deviation for each action component, and a value net over the same inputs.
+    /// A policy with a standard deviation for each action component, and a value net over rows that `transform`
+    /// prepares: the policy's observation, then privileged entries, if any, then the damage code.
     ///
     /// # Shapes
     /// `log_std` `[A]`
-    pub fn new(policy: Policy, log_std: Vec<f32>, value: FrozenMlp) -> Result<Self> {
+    pub fn new(
+        policy: Policy,
+        log_std: Vec<f32>,
+        value: FrozenMlp,
+        transform: InputTransform,
+    ) -> Result<Self> {
         check_length("log_std [A]", &log_std, policy.action_dim())?;
-        check_length("inputs of the value net", &vec![(); value.sizes()[0]], policy.transform().width())?;
-        Ok(Self { policy, log_std, value })
+        check_length("inputs of the value net", &vec![(); value.sizes()[0]], transform.width())?;
+        Ok(Self { policy, log_std, value, transform })
+    }
+
+    /// What becomes of a row of observations before the networks get it.
+    #[must_use]
+    pub fn transform(&self) -> &InputTransform {
+        &self.transform
     }
 
     /// Logarithm of the policy's standard deviations, `[A]`.
@@ -55,10 +71,11 @@ impl FrozenActorCritic {
     /// The noise comes from the caller, which draws it from a counter-based stream.
     ///
     /// # Shapes
-    /// obs `[N, O]`, raw; noise `[N, A]`, standard normal
+    /// obs `[N, O]`, raw, privileged entries included; noise `[N, A]`, standard normal
     pub fn act(&self, obs: &[f32], noise: &[f32]) -> Result<Decision> {
-        let input = self.policy.transform().apply(obs)?;
-        let means = self.policy.net().apply(&input)?;
+        let input = self.transform.apply(obs)?;
+        let seen = unprivileged(&input, &self.transform, self.policy.transform().obs_dim());
+        let means = self.policy.net().apply(&seen)?;
         check_length("noise [N, A]", noise, means.len())?;
         let values = self.value.apply(&input)?;
         let std: Vec<f32> = self.log_std.iter().map(|log_std| log_std.exp()).collect();
@@ -79,10 +96,20 @@ impl FrozenActorCritic {
     /// The value of every observation.
     ///
     /// # Shapes
-    /// obs `[N, O]`, raw; returns `[N]`
+    /// obs `[N, O]`, raw, privileged entries included; returns `[N]`
     pub fn values(&self, obs: &[f32]) -> Result<Vec<f32>> {
-        self.value.apply(&self.policy.transform().apply(obs)?)
+        self.value.apply(&self.transform.apply(obs)?)
     }
+}
+
+/// Rows without their privileged entries: the first `obs_dim` of each and the damage code. `transform` is that of the
+/// whole rows.
+pub fn unprivileged<'a>(rows: &'a [f32], transform: &InputTransform, obs_dim: usize) -> Cow<'a, [f32]> {
+    if obs_dim == transform.obs_dim() {
+        return Cow::Borrowed(rows);
+    }
+    let parts = |row: &'a [f32]| [&row[..obs_dim], &row[transform.obs_dim()..]].concat();
+    Cow::Owned(rows.chunks_exact(transform.width()).flat_map(parts).collect())
 }
 
 #[cfg(test)]
@@ -100,7 +127,7 @@ mod tests {
     fn networks() -> (ActorCritic, Normalizer) {
         let mut stream = Stream::new(5, 0, Purpose::Weights);
         let device = Device::flex().autodiff();
-        let networks = ActorCritic::new(3, &[8, 8], 2, -0.5, &mut || stream.normal(), &device);
+        let networks = ActorCritic::new(3, 0, &[8, 8], 2, -0.5, &mut || stream.normal(), &device);
         let mut normalizer = Normalizer::new(3, 1).unwrap();
         normalizer.update(&[0.0, 1.0, 1.0, 3.0, 2.0, 0.0]).unwrap();
         (networks, normalizer)

@@ -37,6 +37,25 @@ impl InputTransform {
         Ok(Self { standardizer: Some(standardizer), ..plain })
     }
 
+    /// The same for rows without the last `privileged` of the entries before the damage code.
+    pub(crate) fn without_privileged(&self, privileged: usize) -> Result<Self> {
+        let Some(obs_dim) = self.obs_dim.checked_sub(privileged) else {
+            return Err(NnError::Invalid(format!(
+                "{privileged} entries of an observation are privileged, but it has {}",
+                self.obs_dim
+            )));
+        };
+        let kept = |values: &[f32]| values.iter().take(obs_dim).copied().collect();
+        match &self.standardizer {
+            None => Self::new(obs_dim, self.code_length, self.code_scale),
+            Some(all) => Self::standardized(
+                Standardizer::of(kept(all.mean()), kept(all.scale()))?,
+                self.code_length,
+                self.code_scale,
+            ),
+        }
+    }
+
     /// What the entries before the damage code are standardised with; `None` if they pass as they are.
     #[must_use]
     pub fn standardizer(&self) -> Option<&Standardizer> {

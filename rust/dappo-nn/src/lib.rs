@@ -33,7 +33,7 @@ pub use adam::{Gradients, adam};
 pub use device::{LearnerDevice, cpu};
 pub use diagnoser::DiagnoserNet;
 pub use error::{NnError, Result};
-pub use frozen::{Decision, FrozenActorCritic};
+pub use frozen::{Decision, FrozenActorCritic, unprivileged};
 pub use host::{read, scalar};
 pub use input::InputTransform;
 pub use lstm::EmbeddedLstm;

@@ -3,24 +3,30 @@
 use std::path::PathBuf;
 
 use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays};
-use dappo_sim::backend::mujoco::{Field, ModelTable, MujocoBackend, MujocoLibrary, WorkerFields};
+use dappo_sim::backend::mujoco::{
+    Field, ModelTable, MujocoBackend, MujocoLibrary, VariedModel, WorkerFields,
+};
 use dappo_sim::memory::of_envs;
 use dappo_sim::simd;
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, WarpDevice};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
+use crate::anatomy;
 use crate::damage::PyDamageSpace;
 use crate::errors::OrRaise;
 use crate::model_reader::PyModel;
-use crate::warp::{Room, WarpBackend};
+use crate::warp::{self, Room, WarpBackend};
 
 /// What of a backend is not the robot's.
 #[derive(Debug, Clone, Copy)]
 pub struct BackendOptions<'a> {
     /// Name of the reward; the robot's default for `None`.
     pub reward: Option<&'a str>,
+    /// Whether observations contain what the value net alone is given.
+    pub privileged: bool,
     /// Number of envs.
     pub num_envs: usize,
     /// Threads of the pool that it will compute in.
@@ -72,6 +78,7 @@ impl<'py> ClassTable<'py> {
             limb_bodies: object.getattr("limb_bodies")?.extract()?,
             touch_addresses: object.getattr("touch_addresses")?.extract()?,
             hidden_state: object.getattr("hidden_state")?.extract()?,
+            anatomy: anatomy::read(object)?,
         };
         Ok(Self { object: object.clone(), robot, space, layout })
     }
@@ -100,7 +107,7 @@ impl<'py> ClassTable<'py> {
         lanes: &Result<LaneTable, String>,
         options: BackendOptions<'_>,
     ) -> PyResult<Box<dyn Backend>> {
-        let task = Task::new(&self.robot, &self.layout, options.reward).or_raise()?;
+        let task = Task::new(&self.robot, &self.layout, options.reward, options.privileged).or_raise()?;
         let obs_dim = task.obs_dim() + self.space.code_length();
         of_envs(options.num_envs, &self.layout, obs_dim)
             .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))
@@ -133,6 +140,7 @@ impl<'py> ClassTable<'py> {
         device: WarpDevice,
         options: BackendOptions<'_>,
     ) -> PyResult<Box<dyn Backend>> {
+        warp::check(&self.robot).or_raise()?;
         let BackendOptions { reward, num_envs, room, .. } = options;
         let (table, classes) = (self.object.clone().unbind(), self.space.classes().len());
         let backend = WarpBackend::new(&table, task, reward, num_envs, classes, device, room);
@@ -144,8 +152,8 @@ impl<'py> ClassTable<'py> {
         let path: PathBuf =
             py.import("dappo_batch.model.mujoco_library")?.call_method0("library_path")?.extract()?;
         let library = MujocoLibrary::load(&path).or_raise()?;
-        let backend =
-            MujocoBackend::new(task, &library, self.model_table()?, self.workers(threads)?, num_envs);
+        let workers = self.workers(threads, task.varies())?;
+        let backend = MujocoBackend::new(task, &library, self.model_table()?, workers, num_envs);
         Ok(Box::new(backend.or_raise()?))
     }
 
@@ -182,16 +190,14 @@ impl<'py> ClassTable<'py> {
         table.or_raise()
     }
 
-    fn workers(&self, count: usize) -> PyResult<Vec<WorkerFields>> {
+    /// What each worker has of its own: a data, and where `varies` is set a copy of every model.
+    fn workers(&self, count: usize, varies: bool) -> PyResult<Vec<WorkerFields>> {
         let datas = self.object.call_method1("worker_data", (count,))?;
-        datas.try_iter()?.map(|data| self.worker(&data?)).collect()
+        datas.try_iter()?.map(|data| self.worker(&data?, varies)).collect()
     }
 
-    fn worker(&self, data: &Bound<'py, PyAny>) -> PyResult<WorkerFields> {
-        let field = |name: &str| -> PyResult<Field> {
-            let array = data.getattr(name)?.cast_into::<PyArrayDyn<f64>>()?;
-            Ok(Field { address: array.data() as usize, len: array.len() })
-        };
+    fn worker(&self, data: &Bound<'py, PyAny>, varies: bool) -> PyResult<WorkerFields> {
+        let field = |name: &str| array(data, name);
         let xpos = field("xpos")?;
         let main_body_xpos =
             Field { address: xpos.address + self.layout.main_body * 3 * size_of::<f64>(), len: 3 };
@@ -201,13 +207,44 @@ impl<'py> ClassTable<'py> {
             field("ctrl")?,
             field("cfrc_ext")?,
             field("sensordata")?,
+            field("actuator_force")?,
             main_body_xpos,
         ];
+        let models = if varies { self.object.call_method0("worker_models")? } else { PyList::empty(data.py()).into_any() };
+        let varied = models.try_iter()?.map(|model| varied(&model?)).collect::<PyResult<_>>()?;
         let library = data.py().import("dappo_batch.model.mujoco_library")?;
         let divergences: [usize; 3] = library.call_method1("divergence_counters", (data,))?.extract()?;
         let address: usize = data.getattr("_address")?.extract()?;
         // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
         // which the owner keeps alive.
-        Ok(unsafe { WorkerFields::new(address, fields, divergences, Box::new(data.clone().unbind())) })
+        let owner = Box::new((data.clone().unbind(), models.unbind()));
+        Ok(unsafe { WorkerFields::new(address, fields, varied, divergences, owner) })
     }
+}
+
+/// An array of a model or a data of Python.
+fn array(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Field> {
+    let array = object.getattr(name)?.cast_into::<PyArrayDyn<f64>>()?;
+    Ok(Field { address: array.data() as usize, len: array.len() })
+}
+
+/// A model that belongs to one worker.
+fn varied(model: &Bound<'_, PyAny>) -> PyResult<VariedModel> {
+    let names = [
+        "geom_friction",
+        "pair_friction",
+        "dof_damping",
+        "dof_armature",
+        "actuator_gainprm",
+        "actuator_biasprm",
+        "actuator_forcerange",
+    ];
+    let mut fields = [Field { address: 0, len: 0 }; 8];
+    for (field, name) in fields.iter_mut().zip(names) {
+        *field = array(model, name)?;
+    }
+    fields[7] = array(&model.getattr("opt")?, "gravity")?;
+    let address: usize = model.getattr("_address")?.extract()?;
+    // SAFETY: the arrays are views into this MjModel, a copy that Python has made for one worker, which keeps it.
+    Ok(unsafe { VariedModel::new(address, fields) })
 }

@@ -6,16 +6,16 @@ use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::memory::check_training;
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 use dappo_sim::threads::available;
-use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, VectorEnv};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, OrRaise, raise, to_sim};
-use crate::warp::{Room, WarpEngine};
+use crate::warp::{self, Room, WarpEngine};
 
 /// The class table of a configuration.
 pub struct TableFactory {
@@ -109,6 +109,31 @@ impl TableFactory {
     }
 }
 
+impl TableFactory {
+    /// A backend; where `privileged` is set, its observations contain what the value net alone is given.
+    fn open(
+        &self,
+        num_envs: usize,
+        reward: Option<&str>,
+        physics: Physics,
+        privileged: bool,
+    ) -> Result<Box<dyn Backend>, SimError> {
+        let options = BackendOptions {
+            reward,
+            privileged,
+            num_envs,
+            threads: self.threads,
+            physics,
+            room: self.room,
+        };
+        Python::attach(|py| {
+            ClassTable::read(self.table.bind(py))
+                .and_then(|table| table.backend(&self.lanes, options))
+                .map_err(|error| to_sim(py, &error))
+        })
+    }
+}
+
 /// Version of the installed MuJoCo.
 pub fn mujoco_version(py: Python<'_>) -> PyResult<String> {
     py.import("mujoco")?.getattr("__version__")?.extract()
@@ -130,9 +155,14 @@ impl EnvFactory for TableFactory {
     }
 
     fn sizes(&self, config: &Config) -> Result<Sizes, SimError> {
-        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref())?;
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
         let code_length = if config.env.observe_damage { self.space.code_length() } else { 0 };
-        Ok(Sizes { obs_dim: task.obs_dim() + code_length, code_length, action_dim: self.layout.nu })
+        Ok(Sizes {
+            obs_dim: task.obs_dim() + code_length,
+            privileged: task.privileged(),
+            code_length,
+            action_dim: self.layout.nu,
+        })
     }
 
     fn integrator(&self) -> &str {
@@ -157,22 +187,20 @@ impl EnvFactory for TableFactory {
         reward: Option<&str>,
         physics: Physics,
     ) -> Result<Box<dyn Backend>, SimError> {
-        let options = BackendOptions { reward, num_envs, threads: self.threads, physics, room: self.room };
-        Python::attach(|py| {
-            ClassTable::read(self.table.bind(py))
-                .and_then(|table| table.backend(&self.lanes, options))
-                .map_err(|error| to_sim(py, &error))
-        })
+        self.open(num_envs, reward, physics, false)
     }
 
     fn engine(&self, config: &Config) -> dappo_learn::Result<Box<dyn RolloutEngine>> {
         let envs = self.env_config(config)?;
         match self.training {
             Physics::Lanes(_) | Physics::Mujoco => {
-                let env = self.make(envs, config.env.reward.as_deref(), self.training)?;
+                let reward = config.env.reward.as_deref();
+                let backend = self.open(envs.keys.len(), reward, self.training, true)?;
+                let env = VectorEnv::new(backend, &self.space, envs)?;
                 Ok(Box::new(HostEngine::new(env, config)?))
             }
             Physics::Warp(device) => {
+                warp::check(&self.robot)?;
                 let sizes = self.sizes(config)?;
                 Ok(Box::new(WarpEngine::new(&self.table, device, self.room, config, &envs, sizes)?))
             }

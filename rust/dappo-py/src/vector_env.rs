@@ -103,10 +103,14 @@ fn view1<'py, T: Element>(
     Ok(view)
 }
 
-fn view2<'py>(this: &Bound<'py, PyVectorEnv>, buffer: impl Fn(&Buffers) -> &[f32]) -> PyResult<Rows<'py>> {
+fn view2<'py, T: Element>(
+    this: &Bound<'py, PyVectorEnv>,
+    buffer: impl Fn(&Buffers) -> &[T],
+) -> PyResult<Bound<'py, PyArray2<T>>> {
     let borrowed = this.borrow();
     let env = borrowed.env()?;
-    let array = ArrayView2::from_shape((env.num_envs(), env.obs_dim()), buffer(env.buffers()))
+    let numbers = buffer(env.buffers());
+    let array = ArrayView2::from_shape((env.num_envs(), numbers.len() / env.num_envs()), numbers)
         .map_err(|error| raise(Kind::Shape, error.to_string()))?;
     // SAFETY: as in `view1`.
     let view = unsafe { PyArray2::borrow_from_array(&array, this.clone().into_any()) };
@@ -162,7 +166,14 @@ impl PyVectorEnv {
         let most = physics.most_threads(num_envs);
         let pool = Pool::new(Some(threads.unwrap_or_else(available).min(most)))?;
         let threads = pool.num_threads();
-        let options = BackendOptions { reward, num_envs, threads, physics, room: Room { njmax, nconmax } };
+        let options = BackendOptions {
+            reward,
+            privileged: false,
+            num_envs,
+            threads,
+            physics,
+            room: Room { njmax, nconmax },
+        };
         let backend = table.backend(&lanes, options)?;
         let env = VectorEnv::new(backend, &table.space, config).or_raise()?;
         Ok(Self {
@@ -331,6 +342,17 @@ impl PyVectorEnv {
     #[getter]
     fn rewards<'py>(this: &Bound<'py, Self>) -> PyResult<Numbers<'py>> {
         view1(this, |buffers| &buffers.rewards)
+    }
+
+    /// Names of the terms of the reward.
+    #[getter]
+    fn reward_names(&self) -> PyResult<Vec<&str>> {
+        Ok(self.env()?.backend().task().reward_names().collect())
+    }
+
+    #[getter]
+    fn reward_terms<'py>(this: &Bound<'py, Self>) -> PyResult<States<'py>> {
+        view2(this, |buffers| &buffers.reward_terms)
     }
 
     #[getter]

@@ -6,7 +6,7 @@
 //! robot (TOML) ─ damage space ─ class distribution
 //!        └──────────┬───────────────┘
 //!   backend: reset / set_classes / step      one compiled model per damage class
-//!        └── terms: observation, reward, termination
+//!        └── task: actions, commands, observation, reward, termination, events
 //!   vector env: time limit, autoreset, damage draw, onset, final_obs
 //! ```
 //!
@@ -20,7 +20,8 @@ pub mod memory;
 pub mod rng;
 pub mod robot;
 pub mod simd;
-pub mod terms;
+pub mod task;
+
 pub mod threads;
 pub mod vector_env;
 

@@ -60,6 +60,16 @@ pub enum Purpose {
     DiagnoserShuffle = 12,
     /// Units that a training step of a diagnoser leaves out.
     Dropout = 13,
+    /// What is random about a robot and its world in an episode, besides damage.
+    Events = 14,
+    /// Commands of an episode.
+    Command = 15,
+    /// Sudden changes of a robot's velocity.
+    Push = 16,
+    /// Noise of observations.
+    ObservationNoise = 17,
+    /// Noise of what the value net alone observes.
+    PrivilegedNoise = 18,
 }
 
 /// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).

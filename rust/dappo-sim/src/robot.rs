@@ -1,17 +1,24 @@
 //! The robot file: everything about a robot that is not in its MJCF.
 
+mod earlier;
 mod entries;
 mod faults;
 mod nesting;
 mod simplify;
+mod task_faults;
+mod tasks;
 
-use serde::Deserialize;
 use std::collections::BTreeMap;
 
-use crate::error::SimError;
-use crate::terms::{ObservationTerm, RewardTerm};
+use regex_lite::Regex;
+use serde::Deserialize;
 
-/// A robot file, parsed. Python reads the same file to compile the MJCF.
+use crate::error::SimError;
+use crate::task::{Actions, Commands, Events, ObservationTerm, RewardTerm, Terminations};
+
+pub use tasks::with_task;
+
+/// A robot file and its task, parsed. Python reads the same text to compile the MJCF.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
@@ -21,24 +28,10 @@ pub struct Robot {
     pub mjcf: String,
     /// Body whose x position gives the forward velocity.
     pub main_body: String,
-    /// Physics substeps an env step.
-    pub frame_skip: usize,
-    /// Steps after which an episode is truncated.
-    pub max_episode_steps: usize,
-    /// ctrl = `action_scale` · clip(action, ±1).
-    pub action_scale: f64,
     /// Limbs in ring order.
     pub limbs: Vec<Limb>,
     /// Damage types and their parameters.
     pub damage: DamageSection,
-    /// Noise of the initial state.
-    pub reset: ResetNoise,
-    /// When an episode fails.
-    pub termination: Termination,
-    /// What the policy sees.
-    pub observation: Observation,
-    /// Reward functions by name, and the default one.
-    pub reward: RewardSection,
     /// Simplifications of the MJCF, which Python applies before it compiles.
     #[serde(default)]
     pub simplify: Option<toml::Table>,
@@ -48,6 +41,33 @@ pub struct Robot {
     /// Hints for rendering, read by Python alone.
     #[serde(default)]
     pub pictures: Option<toml::Table>,
+    /// The robot's default task, which Python reads.
+    #[serde(default)]
+    pub task: Option<String>,
+    /// Entries of tasks that are the robot's, by the name of the task.
+    #[serde(default)]
+    pub tasks: BTreeMap<String, toml::Table>,
+    /// Physics substeps an env step.
+    pub frame_skip: usize,
+    /// Steps after which an episode is truncated.
+    pub max_episode_steps: usize,
+    /// What an episode asks the robot to do.
+    #[serde(default)]
+    pub commands: Commands,
+    /// How controls follow from actions.
+    pub actions: Actions,
+    /// The initial state.
+    pub reset: InitialState,
+    /// When an episode fails.
+    #[serde(default)]
+    pub terminations: Terminations,
+    /// What is random besides damage.
+    #[serde(default)]
+    pub events: Events,
+    /// What networks see.
+    pub observation: Observation,
+    /// Reward functions by name, and the default one.
+    pub reward: RewardSection,
 }
 
 /// A limb: a body of the MJCF and everything below it.
@@ -69,6 +89,9 @@ pub struct Limb {
     /// Site of the touch sensor.
     #[serde(default)]
     pub touch_site: Option<String>,
+    /// Geom or site whose centre is the foot.
+    #[serde(default)]
+    pub foot: Option<String>,
 }
 
 /// The section `[damage]`: parameters of the types belong to Python, which edits the MJCF.
@@ -83,9 +106,29 @@ pub struct DamageSection {
     pub parameters: BTreeMap<String, toml::Value>,
 }
 
-/// Noise of the initial state around the MJCF's reference pose.
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// The section `[reset]`: the initial state.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
+pub struct InitialState {
+    /// Keyframe of the MJCF whose positions are the default pose; the MJCF's reference pose when absent.
+    #[serde(default)]
+    pub keyframe: Option<String>,
+    /// Half-width of the uniform noise on every entry of qpos.
+    pub qpos_noise: f64,
+    /// Standard deviation of the normal noise on every entry of qvel.
+    pub qvel_noise: f64,
+}
+
+impl InitialState {
+    /// The noise.
+    #[must_use]
+    pub fn noise(&self) -> ResetNoise {
+        ResetNoise { qpos_noise: self.qpos_noise, qvel_noise: self.qvel_noise }
+    }
+}
+
+/// Noise of the initial state around the default pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResetNoise {
     /// Half-width of the uniform noise on every entry of qpos.
     pub qpos_noise: f64,
@@ -93,18 +136,21 @@ pub struct ResetNoise {
     pub qvel_noise: f64,
 }
 
-/// An episode ends when the root leaves this range of heights, or when the physics diverges.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Termination {
-    /// Lowest and highest z of the root, m.
-    pub height: [f64; 2],
-}
-
 /// The section `[observation]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Observation {
+    /// What the policy sees.
+    pub policy: ObservationTerms,
+    /// What the value net sees besides, while it is trained.
+    #[serde(default)]
+    pub critic: Option<ObservationTerms>,
+}
+
+/// A group of observations.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObservationTerms {
     /// Terms in the order of the observation vector.
     pub terms: Vec<ObservationTerm>,
 }
@@ -139,7 +185,9 @@ impl Robot {
         if !faults.is_empty() {
             return Err(SimError::Config(format!("cannot use the robot file: {}", faults.join("\n"))));
         }
-        toml::from_str(text).map_err(|error| SimError::Config(format!("cannot read the robot file: {error}")))
+        let unreadable = |error| SimError::Config(format!("cannot read the robot file: {error}"));
+        let file: toml::Table = toml::from_str(text).map_err(unreadable)?;
+        earlier::brought_up_to_date(file).try_into().map_err(unreadable)
     }
 
     /// What is wrong with a robot file, a sentence a fault; empty for one that can be used.
@@ -169,6 +217,11 @@ impl Robot {
             ))
         })
     }
+}
+
+/// A regular expression that has to match a name as a whole, or what is wrong with it.
+pub(crate) fn pattern(text: &str) -> Result<Regex, String> {
+    Regex::new(&format!("^(?:{text})$")).map_err(|error| format!("{text:?} is not a regular expression: {error}"))
 }
 
 #[cfg(test)]
@@ -216,7 +269,7 @@ terms = [{ term = "survive", weight = 1 }, { term = "link_loads_squared", weight
         assert_eq!(Robot::faults(GOOD), Vec::<String>::new());
         let robot = Robot::from_toml(GOOD).unwrap();
         assert_eq!((robot.limbs.len(), robot.limbs[0].toe_geom.as_deref()), (2, None));
-        assert_eq!(robot.termination.height, [0.2, f64::INFINITY]);
+        assert_eq!(robot.terminations.height, Some([0.2, f64::INFINITY]));
     }
 
     #[test]

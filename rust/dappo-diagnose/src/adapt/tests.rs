@@ -60,7 +60,7 @@ impl EnvFactory for Factory {
     }
 
     fn sizes(&self, _: &Config) -> Result<Sizes, SimError> {
-        Ok(Sizes { obs_dim: OBS + CODE, code_length: CODE, action_dim: 2 })
+        Ok(Sizes { obs_dim: OBS + CODE, privileged: 0, code_length: CODE, action_dim: 2 })
     }
 
     fn integrator(&self) -> &'static str {

@@ -3,7 +3,7 @@
 use dappo_learn::error::{LearnError, Result};
 use dappo_nn::Policy;
 use dappo_sim::backend::Backend;
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 
 use crate::Diagnoser;
 

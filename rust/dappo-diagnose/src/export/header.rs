@@ -8,7 +8,7 @@ use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
 use dappo_learn::run_folder::RunFolder;
 use dappo_nn::Standardizer;
-use dappo_sim::terms::ObservationTerm;
+use dappo_sim::task::ObservationTerm;
 use serde::{Deserialize, Serialize};
 
 use crate::controller::ControllerConfig;
@@ -118,8 +118,12 @@ pub struct TwinHeader {
     pub integrator: String,
     /// Physics steps a control step.
     pub frame_skip: usize,
-    /// ctrl = `action_scale` · clip(action, ±1).
-    pub action_scale: f64,
+    /// ctrl = `action_scale` · clip(action, ±1), where this holds for all actuators alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action_scale: Option<f64>,
+    /// Controls of the actuators, in the order of the actions; empty in exports of earlier versions.
+    #[serde(default)]
+    pub actuators: Vec<ActuatorHeader>,
     /// Blocks of an observation, in order.
     pub observation: Vec<ObservationTerm>,
     /// Touch sensor of every limb in the MJCF, for the block `touch`; empty without such sensors.
@@ -133,6 +137,24 @@ pub struct TwinHeader {
     /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
     /// take part, `[O]`.
     pub residual_scale: Option<Vec<f32>>,
+}
+
+/// ctrl = `offset` + `scale` · clip(action, ±1).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuatorHeader {
+    /// Name of the actuator.
+    pub name: String,
+    /// Control at an action of 0.
+    pub offset: f64,
+    /// Change of the control by an action of 1.
+    pub scale: f64,
+}
+
+impl From<(&str, f64, f64)> for ActuatorHeader {
+    fn from((name, offset, scale): (&str, f64, f64)) -> Self {
+        Self { name: name.to_owned(), offset, scale }
+    }
 }
 
 /// Where the parts come from.

@@ -32,13 +32,13 @@ use dappo_learn::{
 };
 use dappo_nn::Policy;
 use dappo_sim::Robot;
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 
 use crate::controller::{ControllerConfig, Skills};
 
 pub(crate) use header::last_name;
 pub use header::{
-    ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader, RunSource,
+    ActuatorHeader, ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader, RunSource,
     Sources, TwinHeader,
 };
 pub use run::ExportedRun;
@@ -135,8 +135,9 @@ impl Contents<'_> {
                 mujoco: body.mujoco.to_owned(),
                 integrator: body.integrator.to_owned(),
                 frame_skip: body.task.frame_skip,
-                action_scale: body.task.action_scale,
-                observation: body.robot.observation.terms.clone(),
+                action_scale: body.task.action_scale(),
+                actuators: body.task.controls().map(ActuatorHeader::from).collect(),
+                observation: body.robot.observation.policy.terms.clone(),
                 touch_sensors: body.robot.limbs.iter().filter_map(|limb| limb.touch.clone()).collect(),
                 forward_velocity: body.robot.main_body.clone(),
                 action: twin.map(|twin| twin.action),

@@ -9,7 +9,7 @@ use dappo_learn::error::Result;
 use dappo_learn::evaluate::MeanVelocities;
 use dappo_learn::robot_files::RobotFiles;
 use dappo_learn::run_folder::RunFolder;
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 
 use super::{Body, ClassHeader, Contents, RunSource, Sources, Staged};
 use crate::Subject;

@@ -5,6 +5,8 @@ mod events;
 mod line;
 mod log;
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::episodes::EpisodeSummary;
@@ -36,6 +38,10 @@ pub struct Metrics {
     /// Episodes that ended in this iteration and their means.
     #[serde(flatten)]
     pub episodes: EpisodeSummary,
+    /// Mean of each term of the reward over the env steps of this iteration, its weight included, as
+    /// `reward_NAME`; `warp` does not report them.
+    #[serde(flatten)]
+    pub reward_terms: BTreeMap<String, f64>,
     /// How often the physics of an env diverged in this iteration; such episodes are among the falls.
     pub diverged: u64,
     /// The evaluation after this iteration, see `evaluation.every`.

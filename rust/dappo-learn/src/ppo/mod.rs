@@ -23,6 +23,7 @@ use dappo_sim::rng::{Purpose, Stream};
 pub use config::PpoConfig;
 pub use loss::{Adaptation, PpoLosses};
 
+use crate::envs::Sizes;
 use crate::error::Result;
 use batch::ValueBatch;
 
@@ -45,23 +46,23 @@ pub struct Ppo {
 }
 
 impl Ppo {
-    /// A new learner for rows of `obs_dim` numbers, of which the last `code_length` are the damage code.
+    /// A new learner for observations and actions of these lengths.
     ///
     /// Weights and shuffles are functions of `seed`. `device` is where networks are computed; autodiff
     /// is added here.
     pub fn new(
         config: &PpoConfig,
-        obs_dim: usize,
-        code_length: usize,
-        action_dim: usize,
+        sizes: Sizes,
         seed: u64,
         device: &Device,
     ) -> Result<Self> {
         config.check()?;
         let device = device.clone().without_autodiff();
         let mut stream = Stream::new(seed, 0, Purpose::Weights);
+        let Sizes { obs_dim, privileged, code_length, action_dim } = sizes;
         let actor_critic = ActorCritic::new(
             obs_dim,
+            privileged,
             &config.hidden,
             action_dim,
             config.initial_log_std(),

@@ -41,6 +41,9 @@ const VALUE_BATCH: &str = "value_batch.bpk";
 struct Header {
     format: u32,
     obs_dim: usize,
+    /// Entries of an observation that the value net alone is given.
+    #[serde(default)]
+    privileged: usize,
     action_dim: usize,
     hidden: Vec<usize>,
     /// As text: TOML's integers end at 2⁶³.
@@ -78,6 +81,7 @@ impl Ppo {
         let header = Header {
             format: FORMAT,
             obs_dim: self.actor_critic.obs_dim(),
+            privileged: self.actor_critic.privileged(),
             action_dim: self.actor_critic.action_dim(),
             hidden: self.config.hidden.clone(),
             seed: self.seed.to_string(),
@@ -147,11 +151,12 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
         return Err(mismatch("hidden", &format!("{:?}", header.hidden), &format!("{:?}", config.hidden)));
     }
     let code_length = header.normalizer.code_length();
-    let known =
-        sizes.unwrap_or(Sizes { obs_dim: header.obs_dim, code_length, action_dim: header.action_dim });
+    let Header { obs_dim, privileged, action_dim, .. } = header;
+    let known = sizes.unwrap_or(Sizes { obs_dim, privileged, code_length, action_dim });
     for (what, got, expected) in [
         ("format", header.format as usize, FORMAT as usize),
         ("length of an observation", header.obs_dim, known.obs_dim),
+        ("number of privileged entries of an observation", header.privileged, known.privileged),
         ("length of an action", header.action_dim, known.action_dim),
         ("length of the damage code", code_length, known.code_length),
         ("length of the normaliser", header.normalizer.obs_dim(), header.obs_dim),
@@ -166,22 +171,23 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
             return Err(unreadable(&path, format!("{what} is {value}, expected a finite number above 0")));
         }
     }
-    if header.obs_dim == 0 || header.action_dim == 0 {
-        return Err(unreadable(&path, "an observation or an action has length 0, expected at least 1"));
+    if header.obs_dim.saturating_sub(code_length) <= header.privileged || header.action_dim == 0 {
+        return Err(unreadable(&path, "the policy's observation or an action has length 0, expected at least 1"));
     }
     Ok(header)
 }
 
 fn read_networks<F: Files + ?Sized>(files: &F, header: &Header, device: &Device) -> Result<ActorCritic> {
-    let Header { obs_dim, action_dim, hidden, .. } = header;
-    let widths = |outputs: usize| [&[*obs_dim], hidden.as_slice(), &[outputs]].concat();
-    let numbers = parameter_count(&widths(*action_dim)).and_then(|numbers| numbers.checked_add(*action_dim));
+    let Header { obs_dim, privileged, action_dim, hidden, .. } = header;
+    let widths = |inputs: usize, outputs: usize| [&[inputs], hidden.as_slice(), &[outputs]].concat();
+    let numbers = parameter_count(&widths(obs_dim - privileged, *action_dim))
+        .and_then(|numbers| numbers.checked_add(*action_dim));
     let policy_file = read_numbers(files, POLICY, numbers)?;
-    let value_file = read_numbers(files, VALUE, parameter_count(&widths(1)))?;
+    let value_file = read_numbers(files, VALUE, parameter_count(&widths(*obs_dim, 1)))?;
     // Any weights do, as the records replace them.
     let mut filler = Stream::new(0, 0, Purpose::Weights);
     let ActorCritic { policy, value } =
-        ActorCritic::new(*obs_dim, hidden, *action_dim, 0.0, &mut || filler.normal(), device);
+        ActorCritic::new(*obs_dim, *privileged, hidden, *action_dim, 0.0, &mut || filler.normal(), device);
     Ok(ActorCritic {
         policy: load_module(policy, &files.path(POLICY), policy_file)?,
         value: load_module(value, &files.path(VALUE), value_file)?,

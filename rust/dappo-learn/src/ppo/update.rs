@@ -2,7 +2,7 @@
 
 use dappo_nn::error::check_length;
 use dappo_nn::minibatch::evenly_spaced;
-use dappo_nn::{Gradients, Mlp, NnError};
+use dappo_nn::{Gradients, Mlp, NnError, unprivileged};
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::batch::{PolicyBatch, ValueBatch};
@@ -29,8 +29,10 @@ impl Ppo {
     pub fn update(&mut self, rollout: &Rollout, targets: &Targets) -> Result<PpoLosses> {
         self.check(rollout, targets)?;
         let value_batch = ValueBatch::new(rollout, targets)?;
-        let (policy, value_loss) =
-            self.train(&PolicyBatch::new(rollout, &value_batch.obs, targets), &value_batch)?;
+        let privileged = self.actor_critic.privileged();
+        let seen = unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
+        let (policy, value_loss) = self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch)?;
+        drop(seen);
         self.previous = Some(value_batch);
         self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target, self.config.max_lr_factor);
         self.normalizer.update(&rollout.obs)?;

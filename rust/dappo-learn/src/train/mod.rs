@@ -124,6 +124,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
         env_steps: session.progress.env_steps,
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
+        reward_terms: session.reward_terms(),
         diverged: session.diverged(),
         evaluation: EvaluationMeans::default(),
         simulator: factory.simulator(factory.training_physics()),

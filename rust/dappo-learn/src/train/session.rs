@@ -1,5 +1,7 @@
 //! Everything that a training run carries from one iteration to the next.
 
+use std::collections::BTreeMap;
+
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
 use crate::engine::RolloutEngine;
@@ -20,6 +22,8 @@ pub(super) struct Session {
     sizes: Sizes,
     num_envs: usize,
     robot: String,
+    /// Names of the terms of the reward.
+    reward_terms: Vec<String>,
     keep: usize,
     /// Divergences of the physics that have been reported.
     diverged: u64,
@@ -29,17 +33,23 @@ impl Session {
     /// A run before its first iteration.
     pub fn new(config: &Config, factory: &dyn EnvFactory) -> Result<Self> {
         let sizes = factory.sizes(config)?;
-        let Sizes { obs_dim, code_length, action_dim } = sizes;
         let num_envs = config.env.num_envs;
         let device = config.ppo.device.open()?;
         Ok(Self {
             engine: factory.engine(config)?,
-            ppo: Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?,
+            ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?,
             episodes: EpisodeTracker::new(num_envs),
             progress: Progress { iteration: 0, env_steps: 0, stage: 0 },
             sizes,
             num_envs,
             robot: factory.robot().name.clone(),
+            reward_terms: factory
+                .robot()
+                .reward(config.env.reward.as_deref())?
+                .terms
+                .iter()
+                .map(|term| format!("reward_{}", term.name))
+                .collect(),
             keep: config.checkpoint.keep,
             diverged: 0,
         })
@@ -72,6 +82,11 @@ impl Session {
             self.progress.stage = stage;
         }
         Ok(())
+    }
+
+    /// The mean of each term of the reward since the last call.
+    pub fn reward_terms(&mut self) -> BTreeMap<String, f64> {
+        self.reward_terms.iter().cloned().zip(self.episodes.mean_reward_terms()).collect()
     }
 
     /// How often the physics of an env has diverged since the last call.

@@ -39,7 +39,7 @@ impl EnvFactory for Factory {
 
     fn sizes(&self, config: &Config) -> Result<Sizes, SimError> {
         let code_length = if config.env.observe_damage { CODE } else { 0 };
-        Ok(Sizes { obs_dim: ROW + code_length, code_length, action_dim: 2 })
+        Ok(Sizes { obs_dim: ROW + code_length, privileged: 0, code_length, action_dim: 2 })
     }
 
     fn integrator(&self) -> &'static str {

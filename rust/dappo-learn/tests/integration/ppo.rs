@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use burn::tensor::Device;
+use dappo_learn::envs::Sizes;
 use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, gae};
 use dappo_nn::Gradients;
 use dappo_sim::rng::{Purpose, Stream};
@@ -10,6 +11,7 @@ use dappo_sim::rng::{Purpose, Stream};
 const OBS: usize = 3;
 const CODE: usize = 1;
 const ACTIONS: usize = 2;
+const SIZES: Sizes = Sizes { obs_dim: OBS, privileged: 0, code_length: CODE, action_dim: ACTIONS };
 
 fn small() -> PpoConfig {
     PpoConfig {
@@ -23,7 +25,7 @@ fn small() -> PpoConfig {
 }
 
 fn learner(config: &PpoConfig) -> Ppo {
-    Ppo::new(config, OBS, CODE, ACTIONS, 7, &Device::flex()).unwrap()
+    Ppo::new(config, SIZES, 7, &Device::flex()).unwrap()
 }
 
 /// A bandit: every step is an episode, and the best action is (obs₀, −code) / 2.
@@ -31,7 +33,7 @@ fn play(ppo: &Ppo, iteration: u64) -> Rollout {
     let (horizon, envs) = (8, 64);
     let mut stream = Stream::new(11, iteration, Purpose::ActionNoise);
     let networks = ppo.frozen().unwrap();
-    let mut rollout = Rollout::new(horizon, envs, ACTIONS, networks.policy.transform().clone());
+    let mut rollout = Rollout::new(horizon, envs, ACTIONS, networks.transform().clone());
     for step in 0..horizon {
         let obs: Vec<f32> = (0..envs)
             .flat_map(|_| {

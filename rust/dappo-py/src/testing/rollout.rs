@@ -1,7 +1,7 @@
 //! One rollout as numpy arrays: what the learner sees, for tests and research.
 
 use dappo_learn::Ppo;
-use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::envs::EnvFactory;
 use dappo_learn::episodes::EpisodeTracker;
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -24,9 +24,9 @@ pub fn collect_rollout<'py>(
     let pool = Pool::new(config.env.threads)?;
     let factory = settings::ready(py, &mut config)?;
     let (start, rollout) = pool.run(py, || -> dappo_learn::Result<_> {
-        let Sizes { obs_dim, code_length, action_dim } = factory.sizes(&config)?;
+        let sizes = factory.sizes(&config)?;
         let device = dappo_nn::cpu();
-        let ppo = Ppo::new(&config.ppo, obs_dim, code_length, action_dim, config.seed, &device)?;
+        let ppo = Ppo::new(&config.ppo, sizes, config.seed, &device)?;
         let mut engine = factory.engine(&config)?;
         let start = engine.snapshot()?;
         let rollout = engine.collect(&ppo.frozen()?, &mut EpisodeTracker::new(config.env.num_envs), 0)?;

@@ -1,7 +1,7 @@
 //! The device step by step, driven by the vector env: for evaluations, controllers, records and comparisons.
 
 use dappo_sim::backend::{Backend, BackendSnapshot, ObsRows, Reset, StepOutputs, check_class};
-use dappo_sim::terms::Task;
+use dappo_sim::task::Task;
 use dappo_sim::{Physics, SimError, WarpDevice};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -135,7 +135,8 @@ impl Backend for WarpBackend {
                 diverged: vector(&step.getattr("diverged")?)?,
             })
         })?;
-        let StepOutputs { obs, rewards, terminated, forward_velocity, diverged } = outputs;
+        // The kernels sum the terms of the reward.
+        let StepOutputs { obs, rewards, reward_terms: _, terminated, forward_velocity, diverged } = outputs;
         for env in (0..envs).filter(|&env| !skip[env]) {
             rewards[env] = f64::from(found.rewards[env]);
             terminated[env] = found.terminated[env];

@@ -76,7 +76,7 @@ impl WarpEngine {
         rollout: &mut Rollout,
         first_step: u64,
     ) -> Result<Vec<f32>> {
-        let (policy, transform) = (&networks.policy, networks.policy.transform());
+        let (policy, transform) = (&networks.policy, networks.transform());
         let engine = &self.engine;
         let (velocities, diverged) = undisturbed(|py| {
             let engine = engine.bind(py)?;
@@ -134,7 +134,7 @@ impl RolloutEngine for WarpEngine {
         episodes: &mut EpisodeTracker,
         first_step: u64,
     ) -> Result<Rollout> {
-        let transform = networks.policy.transform().clone();
+        let transform = networks.transform().clone();
         let mut rollout = Rollout::new(self.horizon, self.num_envs, self.sizes.action_dim, transform);
         let velocities = self.run(networks, &mut rollout, first_step)?;
         episodes.add_rollout(&rollout, &velocities)?;

@@ -3,6 +3,7 @@
 mod arrays;
 mod backend;
 mod engine;
+mod task;
 
 use dappo_sim::{Device, SimError};
 use pyo3::prelude::*;
@@ -11,6 +12,7 @@ use crate::errors::{Kind, is_ours, raise, to_sim};
 
 pub use backend::WarpBackend;
 pub use engine::WarpEngine;
+pub use task::check;
 
 /// Room for contacts and constraints; what the robot can need at most for `None`.
 #[derive(Debug, Clone, Copy, Default)]

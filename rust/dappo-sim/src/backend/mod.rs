@@ -14,7 +14,7 @@ pub use settings::{BackendKind, Device, Precision};
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};
 use crate::robot::ResetNoise;
-use crate::terms::Task;
+use crate::task::{Anatomy, Task};
 
 /// Sizes and addresses of a compiled robot, equal for all its damage classes.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +39,8 @@ pub struct Layout {
     pub touch_addresses: Vec<usize>,
     /// What the state holds besides positions and velocities, for messages; empty if that is all.
     pub hidden_state: String,
+    /// Parts that terms refer to.
+    pub anatomy: Anatomy,
 }
 
 /// Start of a new episode. The initial state is drawn from (`key`, `episode`).
@@ -55,7 +57,7 @@ pub struct Reset {
 }
 
 impl Reset {
-    /// Adds the noise of the initial state to the reference pose and to velocities of zero.
+    /// Adds the noise of the initial state to the default pose and to velocities of zero.
     ///
     /// # Shapes
     /// - `qpos`: `[nq]`, `qvel`: `[nv]`
@@ -88,6 +90,8 @@ pub struct StepOutputs<'a> {
     pub rewards: &'a mut [f64],
     /// Failures, `[N]`.
     pub terminated: &'a mut [bool],
+    /// Values of the terms of the reward, their weights included, `[N, terms]`.
+    pub reward_terms: &'a mut [f64],
     /// Velocities of the main body along +x, m/s, `[N]`.
     pub forward_velocity: &'a mut [f64],
     /// Whether the physics has diverged in this step, `[N]`.
@@ -186,11 +190,6 @@ pub fn check_class(class: usize, classes: usize) -> Result<(), SimError> {
         "damage class {class} does not exist; the classes are 0 to {}",
         classes - 1
     )))
-}
-
-/// The controls of the motors for the policy's action.
-fn control(task: &Task, action: f32) -> f64 {
-    task.action_scale * f64::from(action.clamp(-1.0, 1.0))
 }
 
 /// Velocity over an env step.

@@ -126,6 +126,37 @@ impl<'a, 'f> Entries<'a, 'f> {
         })
     }
 
+    /// A required text, one of a few.
+    pub fn choice(&mut self, key: &'static str, choices: &[&str]) -> Option<&'a str> {
+        let quoted: Vec<String> = choices.iter().map(|choice| format!("{choice:?}")).collect();
+        let expected = format!("one of {}", quoted.join(", "));
+        self.required(key, &expected, |value| value.as_str().filter(|text| choices.contains(text)))
+    }
+
+    /// A required `[low, high]` with low ≤ high, both within a range.
+    pub fn span(&mut self, key: &'static str, range: RangeInclusive<f64>) {
+        let (least, most) = (range.start(), range.end());
+        let expected = format!("[low, high], two numbers from {least} to {most} with low <= high");
+        self.required(key, &expected, |value| {
+            match value.as_array()?.iter().map(number).collect::<Option<Vec<f64>>>()?[..] {
+                [low, high] if low <= high && range.contains(&low) && range.contains(&high) => Some(()),
+                _ => None,
+            }
+        });
+    }
+
+    /// A required `[low, high]` of whole numbers with low ≤ high, both within a range.
+    pub fn whole_span(&mut self, key: &'static str, range: RangeInclusive<i64>) {
+        let (least, most) = (range.start(), range.end());
+        let expected = format!("[low, high], two whole numbers from {least} to {most} with low <= high");
+        self.required(key, &expected, |value| {
+            match value.as_array()?.iter().map(Value::as_integer).collect::<Option<Vec<i64>>>()?[..] {
+                [low, high] if low <= high && range.contains(&low) && range.contains(&high) => Some(()),
+                _ => None,
+            }
+        });
+    }
+
     /// An optional list of the first entries of an array of `most`, or the first one as a number.
     pub fn optional_leading(&mut self, key: &'static str, most: usize, range: RangeInclusive<f64>) {
         let expected = format!(

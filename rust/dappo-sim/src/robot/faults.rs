@@ -10,6 +10,10 @@ use toml::{Table, Value};
 
 use super::entries::{Entries, number, shown};
 use super::simplify::{check_overrides, check_simplify};
+use super::task_faults::{
+    check_actions, check_commands, check_events, check_observation, check_reward_term, check_rewards,
+    check_terminations,
+};
 
 /// Physics substeps an env step.
 const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
@@ -40,13 +44,24 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     top.text("main_body");
     top.whole("frame_skip", FRAME_SKIP);
     top.whole("max_episode_steps", EPISODE_STEPS);
-    top.positive("action_scale", LARGEST);
+    // A task has sections of the present or of the earlier form.
+    let has = |key: &str| file.contains_key(key);
+    let actions = if has("actions") { top.table("actions") } else { None };
+    if !has("actions") {
+        top.positive("action_scale", LARGEST);
+    }
     let limbs = top.list("limbs");
     let damage = top.table("damage");
     let reset = top.table("reset");
-    let termination = top.table("termination");
+    let terminations = top.optional_table("terminations");
+    let termination = if has("terminations") || has("actions") { None } else { top.table("termination") };
     let observation = top.table("observation");
-    let reward = top.table("reward");
+    let rewards = top.optional_table("rewards");
+    let reward = if has("rewards") { None } else { top.table("reward") };
+    let commands = top.optional_table("commands");
+    let events = top.optional_table("events");
+    top.optional_text("task");
+    let tasks = top.optional_table("tasks");
     let simplify = top.optional_table("simplify");
     let overrides = top.optional_tables("override");
     let pictures = top.optional_table("pictures");
@@ -58,6 +73,7 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     }
     if let Some(reset) = reset {
         let mut entries = Entries::new(reset, "[reset]".into(), &mut found);
+        entries.optional_text("keyframe");
         entries.number("qpos_noise", QPOS_NOISE);
         entries.number("qvel_noise", QVEL_NOISE);
         entries.finish();
@@ -67,11 +83,29 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
         check_height(&mut entries);
         entries.finish();
     }
+    if let Some(terminations) = terminations {
+        check_terminations(terminations, &mut found);
+    }
+    if let Some(actions) = actions {
+        check_actions(actions, &mut found);
+    }
+    if let Some(commands) = commands {
+        check_commands(commands, &mut found);
+    }
+    if let Some(events) = events {
+        check_events(events, &mut found);
+    }
+    for (name, task) in tasks.into_iter().flatten().filter(|(_, task)| !task.is_table()) {
+        found.push(format!("[tasks]: `{name}` is {}, expected a table [tasks.{name}]", shown(task)));
+    }
+    if let Some(rewards) = rewards {
+        check_rewards(rewards, &mut found);
+    }
     if let Some(observation) = observation {
         check_observation(observation, touches.unwrap_or(true), &mut found);
     }
     if let Some(reward) = reward {
-        check_rewards(reward, &mut found);
+        check_reward_functions(reward, &mut found);
     }
     if let Some(simplify) = simplify {
         check_simplify(simplify, &mut found);
@@ -124,6 +158,7 @@ fn check_limbs(limbs: &[Value], found: &mut Vec<String>) -> bool {
         entries.optional_text("toe_geom");
         touches += usize::from(entries.optional_text("touch").is_some());
         entries.optional_text("touch_site");
+        entries.optional_text("foot");
         entries.finish();
     }
     if touches != 0 && touches != limbs.len() {
@@ -159,7 +194,7 @@ fn check_damage(damage: &Table, limbs: usize, found: &mut Vec<String>) {
     }
 }
 
-fn check_height(entries: &mut Entries) {
+pub(super) fn check_height(entries: &mut Entries) {
     let Some(range) = entries.list("height") else { return };
     let numbers: Vec<f64> = range.iter().filter_map(number).collect();
     let is_range = matches!(numbers[..], [low, high] if range.len() == 2 && low < high);
@@ -172,33 +207,7 @@ fn check_height(entries: &mut Entries) {
     }
 }
 
-fn check_observation(observation: &Table, has_touch: bool, found: &mut Vec<String>) {
-    let mut entries = Entries::new(observation, "[observation]".into(), found);
-    let terms = entries.terms();
-    entries.finish();
-    for (index, term) in terms {
-        let mut entries = Entries::new(term, format!("[observation] term {index}"), found);
-        match entries.text("term") {
-            Some("qpos") => {
-                entries.optional_whole("skip", 0..=1_000_000);
-            }
-            Some("cfrc_ext") => {
-                entries.positive("clip", LARGEST);
-            }
-            Some("touch") if !has_touch => {
-                entries.fault("the term `touch` needs a `touch` sensor on every limb");
-            }
-            Some("qvel" | "touch") | None => {}
-            Some(other) => {
-                entries.fault(&format!("`term` is {other:?}, expected one of qpos, qvel, cfrc_ext, touch"));
-                continue;
-            }
-        }
-        entries.finish();
-    }
-}
-
-fn check_rewards(reward: &Table, found: &mut Vec<String>) {
+fn check_reward_functions(reward: &Table, found: &mut Vec<String>) {
     let mut entries = Entries::new(reward, "[reward]".into(), found);
     let names: Vec<&str> = reward.keys().map(String::as_str).filter(|key| *key != "default").collect();
     if let Some(default) = entries.text("default")
@@ -225,21 +234,4 @@ fn check_rewards(reward: &Table, found: &mut Vec<String>) {
             check_reward_term(&mut Entries::new(term, format!("{place} term {index}"), found));
         }
     }
-}
-
-fn check_reward_term(entries: &mut Entries) {
-    match entries.text("term") {
-        Some("forward_velocity" | "survive" | "limb_contacts" | "ctrl_squared") | None => {}
-        Some("contact_forces_squared" | "link_loads_squared") => {
-            entries.positive("clip", LARGEST);
-        }
-        Some(other) => {
-            return entries.fault(&format!(
-                "`term` is {other:?}, expected one of forward_velocity, survive, limb_contacts, ctrl_squared, \
-                 contact_forces_squared, link_loads_squared"
-            ));
-        }
-    }
-    entries.number("weight", -LARGEST..=LARGEST);
-    entries.finish();
 }

@@ -51,6 +51,8 @@ pub struct Buffers {
     pub obs: Vec<f32>,
     /// Rewards, `[N]`.
     pub rewards: Vec<f64>,
+    /// Terms of the reward with their weights, in the last step of each env, `[N, terms]`.
+    pub reward_terms: Vec<f64>,
     /// Failures, `[N]`.
     pub terminated: Vec<bool>,
     /// Time limits, `[N]`.
@@ -78,10 +80,11 @@ pub struct Buffers {
 }
 
 impl Buffers {
-    fn new(envs: usize, obs_dim: usize) -> Self {
+    fn new(envs: usize, obs_dim: usize, terms: usize) -> Self {
         Self {
             obs: vec![0.0; envs * obs_dim],
             rewards: vec![0.0; envs],
+            reward_terms: vec![0.0; envs * terms],
             terminated: vec![false; envs],
             truncated: vec![false; envs],
             forward_velocity: vec![0.0; envs],
@@ -131,7 +134,7 @@ impl VectorEnv {
         let obs_dim = backend.task().obs_dim() + code_length;
         Ok(Self {
             episodes: config.keys.iter().map(|&key| Episode::before_the_first(key)).collect(),
-            buffers: Buffers::new(envs, obs_dim),
+            buffers: Buffers::new(envs, obs_dim, backend.task().reward_len()),
             codes: space.codes(),
             backend,
             config,
@@ -256,6 +259,7 @@ impl VectorEnv {
             StepOutputs {
                 obs: ObsRows { data: &mut buffers.obs, stride: self.obs_dim },
                 rewards: &mut buffers.rewards,
+                reward_terms: &mut buffers.reward_terms,
                 terminated: &mut buffers.terminated,
                 forward_velocity: &mut buffers.forward_velocity,
                 diverged: &mut buffers.diverged,

@@ -3,21 +3,29 @@
 use dappo_lanes::{Group, Readout};
 
 use super::compile::{LaneTable, Sizes};
-use crate::backend::{Reset, control, out_of_bounds, velocity};
-use crate::terms::{Signals, Task};
+use crate::backend::{Reset, out_of_bounds, velocity};
+use crate::task::{Signals, Task};
 
-/// A group, and where one of its lanes is read to.
+/// A group, what the task remembers of its lanes, and where one of them is read to.
 pub(super) struct Block {
     group: Box<dyn Group>,
+    /// Numbers that the task remembers of each lane, `[width, memory_len]`.
+    memory: Vec<f64>,
     /// x position of each root before a step.
     before: Vec<f64>,
     /// Controls of all lanes, `[width, nu]`.
     ctrl: Vec<f64>,
+    reading: Reading,
+}
+
+/// One lane, read from its group.
+struct Reading {
     qpos: Vec<f64>,
     qvel: Vec<f64>,
     qacc: Vec<f64>,
     cfrc_ext: Vec<f64>,
     touch: Vec<f64>,
+    actuator_force: Vec<f64>,
 }
 
 /// The outputs of the envs of one block, one entry a lane but for `obs`, whose rows are `stride` apart.
@@ -25,6 +33,8 @@ pub(super) struct BlockOutputs<'a> {
     pub obs: &'a mut [f32],
     pub stride: usize,
     pub rewards: &'a mut [f64],
+    /// Terms of the reward, `[lanes, terms]`.
+    pub reward_terms: &'a mut [f64],
     pub terminated: &'a mut [bool],
     pub forward_velocity: &'a mut [f64],
     pub diverged: &'a mut [bool],
@@ -32,21 +42,25 @@ pub(super) struct BlockOutputs<'a> {
 
 impl Block {
     /// Healthy robots in their reference pose, in every lane: those without an env stay there.
-    pub fn new(group: Box<dyn Group>, table: &LaneTable) -> Self {
+    pub fn new(group: Box<dyn Group>, task: &Task, table: &LaneTable) -> Self {
         let Sizes { nq, nv, nu, nbody, touch } = table.sizes();
         let width = group.width();
         let mut block = Self {
             group,
+            memory: vec![0.0; width * task.memory_len()],
             before: vec![0.0; width],
             ctrl: vec![0.0; width * nu],
-            qpos: vec![0.0; nq],
-            qvel: vec![0.0; nv],
-            qacc: vec![0.0; nv],
-            cfrc_ext: vec![0.0; nbody * 6],
-            touch: vec![0.0; touch],
+            reading: Reading {
+                qpos: vec![0.0; nq],
+                qvel: vec![0.0; nv],
+                qacc: vec![0.0; nv],
+                cfrc_ext: vec![0.0; nbody * 6],
+                touch: vec![0.0; touch],
+                actuator_force: vec![0.0; nu],
+            },
         };
         for lane in 0..width {
-            block.group.set_state(lane, table.start(0), &block.qvel);
+            block.group.set_state(lane, task.start_or(table.start(0)), &block.reading.qvel);
         }
         block
     }
@@ -64,11 +78,13 @@ impl Block {
         stride: usize,
     ) {
         for (lane, reset) in started(resets) {
-            self.qpos.copy_from_slice(table.start(reset.class));
-            self.qvel.fill(0.0);
-            reset.scatter(task.reset, &mut self.qpos, &mut self.qvel);
-            self.group.set_class(lane, reset.class);
-            self.group.set_state(lane, &self.qpos, &self.qvel);
+            task.begin(row_of(&mut self.memory, task, lane), reset);
+            let Reading { qpos, qvel, .. } = &mut self.reading;
+            qpos.copy_from_slice(task.start_or(table.start(reset.class)));
+            qvel.fill(0.0);
+            reset.scatter(task.reset, qpos, qvel);
+            self.group.set_state(lane, qpos, qvel);
+            self.set_class(task, table, lane, reset.class);
         }
         let class_of = |lane: usize| resets[lane].map(|reset| reset.class);
         self.begin(task, table, resets.len(), class_of, obs, stride);
@@ -87,7 +103,8 @@ impl Block {
         obs: &mut [f32],
         stride: usize,
     ) {
-        let states = qpos.chunks_exact(self.qpos.len()).zip(qvel.chunks_exact(self.qvel.len()));
+        let Reading { qpos: one, qvel: other, .. } = &self.reading;
+        let states = qpos.chunks_exact(one.len()).zip(qvel.chunks_exact(other.len()));
         let lanes = states.len();
         for (lane, (qpos, qvel)) in states.enumerate().filter(|(lane, _)| class_of(*lane).is_some()) {
             self.group.set_state(lane, qpos, qvel);
@@ -115,11 +132,13 @@ impl Block {
         self.group.forward(mask((0..lanes).filter(placed)));
         for lane in 0..lanes {
             let Some(class) = class_of(lane) else { continue };
-            self.read(lane);
+            self.reading.read(self.group.as_ref(), lane);
             // As after mj_resetData and mj_forward: MuJoCo fills these in on demand, after a step.
-            self.cfrc_ext.fill(0.0);
-            let signals = self.signals(lane, nu, table.disabled_touch(class), 0.0);
-            task.observe(&signals, &mut obs[lane * stride..][..task.obs_dim()]);
+            self.reading.cfrc_ext.fill(0.0);
+            let ctrl = &self.ctrl[lane * nu..(lane + 1) * nu];
+            let signals = self.reading.signals(class, ctrl, table.disabled_touch(class), 0.0);
+            let row = row_of(&mut self.memory, task, lane);
+            task.observe_first(row, &signals, &mut obs[lane * stride..][..task.obs_dim()]);
         }
     }
 
@@ -143,41 +162,40 @@ impl Block {
             return;
         }
         for lane in stepped() {
+            let row = row_of(&mut self.memory, task, lane);
             let ctrl = &mut self.ctrl[lane * nu..(lane + 1) * nu];
-            for (ctrl, action) in ctrl.iter_mut().zip(&actions[lane * nu..(lane + 1) * nu]) {
-                *ctrl = control(task, *action);
-            }
+            task.act(row, &actions[lane * nu..(lane + 1) * nu], ctrl);
             self.group.set_ctrl(lane, ctrl);
+            if let Some(change) = task.push(row) {
+                self.group.add_root_velocity(lane, change);
+            }
         }
         for lane in 0..classes.len() {
             self.before[lane] = self.group.evaluated_x(lane);
         }
         self.group.step(lanes, task.frame_skip);
-        let mut diverged = 0;
+        let (mut diverged, terms) = (0, task.reward_len());
         for lane in stepped() {
-            self.read(lane);
-            outputs.diverged[lane] = self.has_diverged(lane);
+            self.reading.read(self.group.as_ref(), lane);
+            outputs.diverged[lane] = self.reading.has_diverged();
             if outputs.diverged[lane] {
                 diverged |= 1 << lane;
                 continue;
             }
+            let (class, ctrl) = (classes[lane], &self.ctrl[lane * nu..(lane + 1) * nu]);
             let forward = velocity(task, self.before[lane], self.group.evaluated_x(lane));
-            let signals = self.signals(lane, nu, table.disabled_touch(classes[lane]), forward);
-            let terminated = task.terminated(&signals);
-            outputs.rewards[lane] = task.reward(&signals, terminated);
-            outputs.terminated[lane] = terminated;
+            let signals = self.reading.signals(class, ctrl, table.disabled_touch(class), forward);
+            let row = row_of(&mut self.memory, task, lane);
+            let outcome =
+                task.outcome(row, &signals, &mut outputs.reward_terms[lane * terms..(lane + 1) * terms]);
+            outputs.rewards[lane] = outcome.reward;
+            outputs.terminated[lane] = outcome.terminated;
             outputs.forward_velocity[lane] = forward;
-            task.observe(&signals, &mut outputs.obs[lane * outputs.stride..][..task.obs_dim()]);
+            task.observe(row, &signals, &mut outputs.obs[lane * outputs.stride..][..task.obs_dim()]);
         }
         if diverged != 0 {
             self.fail(task, table, classes, diverged, outputs);
         }
-    }
-
-    /// Whether the lane that has just been read is beyond what the physics can continue from.
-    fn has_diverged(&mut self, lane: usize) -> bool {
-        self.group.accelerations(lane, &mut self.qacc);
-        [&self.qpos, &self.qvel, &self.qacc].into_iter().any(|values| out_of_bounds(values))
     }
 
     /// Ends the episodes of the lanes that diverged, and sets these to their reference pose, at rest.
@@ -190,10 +208,12 @@ impl Block {
         outputs: &mut BlockOutputs<'_>,
     ) {
         let class_of = |lane: usize| (lanes >> lane & 1 == 1).then(|| classes[lane]);
-        self.qvel.fill(0.0);
+        let terms = task.reward_len();
+        self.reading.qvel.fill(0.0);
         for lane in 0..classes.len() {
             let Some(class) = class_of(lane) else { continue };
-            self.group.set_state(lane, table.start(class), &self.qvel);
+            self.group.set_state(lane, task.start_or(table.start(class)), &self.reading.qvel);
+            outputs.reward_terms[lane * terms..(lane + 1) * terms].fill(0.0);
             outputs.rewards[lane] = 0.0;
             outputs.terminated[lane] = true;
             outputs.forward_velocity[lane] = 0.0;
@@ -201,8 +221,12 @@ impl Block {
         self.begin(task, table, classes.len(), class_of, outputs.obs, outputs.stride);
     }
 
-    pub fn set_class(&mut self, lane: usize, class: usize) {
-        self.group.set_class(lane, class);
+    /// Gives a lane the physics of a damage class, and what is random about its env.
+    pub fn set_class(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize) {
+        match task.variation(row_of(&mut self.memory, task, lane)) {
+            None => self.group.set_class(lane, class),
+            Some(variation) => self.group.set_model(lane, &table.varied(class, &variation)),
+        }
     }
 
     /// Reads positions and velocities of a lane.
@@ -210,47 +234,66 @@ impl Block {
     /// # Shapes
     /// - `qpos`: `[nq]`, `qvel`: `[nv]`
     pub fn state(&self, lane: usize, qpos: &mut [f64], qvel: &mut [f64]) {
-        let (mut cfrc_ext, mut touch) = (self.cfrc_ext.clone(), self.touch.clone());
+        let (mut cfrc_ext, mut touch) = (self.reading.cfrc_ext.clone(), self.reading.touch.clone());
         self.group.read(lane, Readout { qpos, qvel, cfrc_ext: &mut cfrc_ext, touch: &mut touch });
     }
 
     /// Numbers in a saved row.
-    pub fn row(&self) -> usize {
-        self.group.row()
+    pub fn row(&self, task: &Task) -> usize {
+        self.group.row() + task.memory_len()
     }
 
-    pub fn save(&self, lane: usize, row: &mut [f64]) {
-        self.group.save(lane, row);
+    pub fn save(&self, task: &Task, lane: usize, row: &mut [f64]) {
+        let (physics, memory) = row.split_at_mut(self.group.row());
+        self.group.save(lane, physics);
+        memory.copy_from_slice(&self.memory[lane * task.memory_len()..][..task.memory_len()]);
     }
 
-    pub fn load(&mut self, lane: usize, class: usize, row: &[f64]) {
-        self.group.set_class(lane, class);
-        self.group.load(lane, row);
+    pub fn load(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize, row: &[f64]) {
+        let (physics, memory) = row.split_at(self.group.row());
+        row_of(&mut self.memory, task, lane).copy_from_slice(memory);
+        self.set_class(task, table, lane, class);
+        self.group.load(lane, physics);
     }
+}
 
-    fn read(&mut self, lane: usize) {
-        let Self { group, qpos, qvel, cfrc_ext, touch, .. } = self;
+impl Reading {
+    fn read(&mut self, group: &dyn Group, lane: usize) {
+        let Self { qpos, qvel, qacc, cfrc_ext, touch, actuator_force } = self;
         group.read(lane, Readout { qpos, qvel, cfrc_ext, touch });
+        group.accelerations(lane, qacc);
+        group.actuator_forces(lane, actuator_force);
     }
 
-    /// What `read` has read of a lane.
+    /// Whether the lane is beyond what the physics can continue from.
+    fn has_diverged(&self) -> bool {
+        [&self.qpos, &self.qvel, &self.qacc].into_iter().any(|values| out_of_bounds(values))
+    }
+
     fn signals<'a>(
         &'a self,
-        lane: usize,
-        nu: usize,
+        class: usize,
+        ctrl: &'a [f64],
         disabled_touch: &'a [bool],
         forward_velocity: f64,
     ) -> Signals<'a> {
         Signals {
+            class,
             qpos: &self.qpos,
             qvel: &self.qvel,
-            ctrl: &self.ctrl[lane * nu..(lane + 1) * nu],
+            ctrl,
+            actuator_force: &self.actuator_force,
             cfrc_ext: &self.cfrc_ext,
             sensordata: &self.touch,
             forward_velocity,
             disabled_touch,
         }
     }
+}
+
+/// What the task remembers of a lane.
+fn row_of<'a>(memory: &'a mut [f64], task: &Task, lane: usize) -> &'a mut [f64] {
+    &mut memory[lane * task.memory_len()..(lane + 1) * task.memory_len()]
 }
 
 fn started(resets: &[Option<Reset>]) -> impl Iterator<Item = (usize, &Reset)> {

@@ -1,6 +1,6 @@
 //! From compiled MuJoCo models to the lane engine's.
 
-use dappo_lanes::model::{Cone, Integrator, Surface, Vector};
+use dappo_lanes::model::{Actuator, Cone, Integrator, Surface, Vector};
 use dappo_lanes::{Engine, Model, Precision as Format, Simd, Unsupported};
 
 use super::arrays::ModelArrays;
@@ -11,6 +11,7 @@ use super::refuse::{EULER_DAMPING_OFF, Reasons, check_features, notes, refuse};
 use super::tree::Tree;
 use crate::backend::Precision;
 use crate::error::SimError;
+use crate::task::Variation;
 
 /// The damage classes of a robot, compiled for the lane engine.
 #[derive(Debug, Clone, PartialEq)]
@@ -99,6 +100,25 @@ impl LaneTable {
         &self.starts[class]
     }
 
+    /// The model of a class with what is random about an env.
+    pub(super) fn varied(&self, class: usize, variation: &Variation) -> Model {
+        let mut model = self.models[class].clone();
+        let [x, y, z] = variation.gravity;
+        let gravity = model.gravity.iter().map(|g| g * g).sum::<f64>().sqrt();
+        model.gravity = [gravity * x, gravity * y, gravity * z];
+        for point in &mut model.points {
+            point.friction = point.friction.map(|coefficient| coefficient * variation.friction);
+        }
+        for link in model.limbs.iter_mut().flatten() {
+            link.damping *= variation.joint_damping;
+            link.armature *= variation.joint_armature;
+            if let Some(actuator) = &mut link.actuator {
+                vary_actuator(actuator, variation);
+            }
+        }
+        model
+    }
+
     pub(super) fn disabled_touch(&self, class: usize) -> &[bool] {
         &self.disabled_touch[class]
     }
@@ -121,6 +141,17 @@ pub struct Sizes {
 
 fn unsupported(Unsupported(why): Unsupported) -> SimError {
     SimError::Unsupported(vec![why])
+}
+
+/// The backend `mujoco` does the same to the arrays of a model.
+fn vary_actuator(actuator: &mut Actuator, variation: &Variation) {
+    let strength = variation.motor_strength;
+    let [constant, stiffness, slope] = actuator.bias;
+    // Only a servo's gain is a stiffness.
+    let kp = if stiffness == 0.0 { 1.0 } else { variation.kp };
+    actuator.gain *= strength * kp;
+    actuator.bias = [strength * constant, strength * kp * stiffness, strength * variation.kd * slope];
+    actuator.force_range = actuator.force_range.map(|limit| strength * limit);
 }
 
 /// `mjCONE_ELLIPTIC`.
@@ -177,7 +208,7 @@ fn compile(arrays: &ModelArrays, main_body: usize, touch_addresses: &[usize]) ->
             integrator: integrator?,
             cone: if arrays.cone == ELLIPTIC { Cone::Elliptic } else { Cone::Pyramidal },
             impedance_ratio: arrays.impratio.max(TINY),
-            gravity: -arrays.gravity[2],
+            gravity: ModelArrays::vector(&arrays.gravity, 0),
             floor: contacts.floor,
             mean_inertia: arrays.meaninertia,
             root: tree.root_inertia(),

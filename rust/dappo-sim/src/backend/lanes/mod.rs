@@ -21,7 +21,7 @@ use super::{
 };
 use crate::error::{SimError, expect_len};
 use crate::simd::Simd;
-use crate::terms::Task;
+use crate::task::Task;
 
 pub use arrays::{ModelArrays, ModelReader};
 use block::{Block, BlockOutputs};
@@ -51,7 +51,7 @@ impl LanesBackend {
         check_envs(num_envs)?;
         let engine = table.engine(precision, simd)?;
         let width = engine.width();
-        let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &table)).collect();
+        let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &task, &table)).collect();
         Ok(Self { task, table, precision, width, blocks, classes: vec![0; num_envs] })
     }
 
@@ -97,7 +97,7 @@ impl Backend for LanesBackend {
         for &(env, class) in changes {
             check_class(class, self.table.classes())?;
             let (block, lane) = self.place(env);
-            self.blocks[block].set_class(lane, class);
+            self.blocks[block].set_class(&self.task, &self.table, lane, class);
             self.classes[env] = class;
         }
         Ok(())
@@ -116,15 +116,34 @@ impl Backend for LanesBackend {
             actions.par_chunks(width * nu),
             outputs.obs.data.par_chunks_mut(width * stride),
             outputs.rewards.par_chunks_mut(width),
+            outputs.reward_terms.par_chunks_mut(width * task.reward_len()),
             outputs.terminated.par_chunks_mut(width),
             outputs.forward_velocity.par_chunks_mut(width),
             outputs.diverged.par_chunks_mut(width),
         )
             .into_par_iter()
             .for_each(
-                |(block, classes, skip, actions, obs, rewards, terminated, forward_velocity, diverged)| {
-                    let mut outputs =
-                        BlockOutputs { obs, stride, rewards, terminated, forward_velocity, diverged };
+                |(
+                    block,
+                    classes,
+                    skip,
+                    actions,
+                    obs,
+                    rewards,
+                    reward_terms,
+                    terminated,
+                    forward_velocity,
+                    diverged,
+                )| {
+                    let mut outputs = BlockOutputs {
+                        obs,
+                        stride,
+                        rewards,
+                        reward_terms,
+                        terminated,
+                        forward_velocity,
+                        diverged,
+                    };
                     block.step(task, table, classes, skip, actions, &mut outputs);
                 },
             );
@@ -172,21 +191,21 @@ impl Backend for LanesBackend {
     }
 
     fn snapshot(&self) -> Result<BackendSnapshot, SimError> {
-        let row = self.blocks[0].row();
+        let row = self.blocks[0].row(&self.task);
         let mut rows = vec![0.0; self.num_envs() * row];
         for (env, row) in rows.chunks_exact_mut(row).enumerate() {
             let (block, lane) = self.place(env);
-            self.blocks[block].save(lane, row);
+            self.blocks[block].save(&self.task, lane, row);
         }
         Ok(BackendSnapshot { row, rows, classes: self.classes.clone() })
     }
 
     fn restore(&mut self, snapshot: &BackendSnapshot) -> Result<(), SimError> {
-        let row = self.blocks[0].row();
+        let row = self.blocks[0].row(&self.task);
         snapshot.check(row, self.num_envs(), self.table.classes())?;
         for (env, row) in snapshot.rows.chunks_exact(row).enumerate() {
             let (block, lane) = self.place(env);
-            self.blocks[block].load(lane, snapshot.classes[env], row);
+            self.blocks[block].load(&self.task, &self.table, lane, snapshot.classes[env], row);
         }
         self.classes.copy_from_slice(&snapshot.classes);
         Ok(())

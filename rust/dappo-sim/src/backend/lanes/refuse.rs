@@ -83,9 +83,6 @@ fn check_options(model: &ModelArrays, reasons: &mut Reasons) {
             "the model has special features switched on (opt.enableflags = {enabled:#x}), which it does not support"
         ));
     }
-    if model.gravity[..2] != [0.0, 0.0] {
-        reasons.add(format!("opt.gravity is {:?}, which is not along z", model.gravity));
-    }
 }
 
 /// Where the engine deliberately differs from the model's options: it solves the constraints to the end.

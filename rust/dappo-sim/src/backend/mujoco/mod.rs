@@ -6,6 +6,7 @@
 
 mod library;
 mod table;
+mod varied;
 mod worker;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -14,10 +15,11 @@ use rayon::prelude::*;
 
 use super::{Backend, BackendSnapshot, ObsRows, Physics, Reset, StepOutputs, check_class, check_envs};
 use crate::error::{SimError, expect_len};
-use crate::terms::Task;
+use crate::task::Task;
 
 pub use library::MujocoLibrary;
 pub use table::{Field, ModelTable, WorkerFields};
+pub use varied::VariedModel;
 use worker::Worker;
 
 /// libmujoco × rayon.
@@ -25,7 +27,7 @@ pub struct MujocoBackend {
     task: Task,
     table: ModelTable,
     workers: Vec<Mutex<Worker>>,
-    /// Entries of a state row: MuJoCo's state, then the main body's x position.
+    /// Entries of a state row: MuJoCo's state, the main body's x position, then what the task remembers.
     row: usize,
     rows: Vec<f64>,
     classes: Vec<usize>,
@@ -48,7 +50,7 @@ impl MujocoBackend {
             .into_iter()
             .map(|fields| Worker::new(library, fields, &table))
             .collect::<Result<_, _>>()?;
-        let row = workers[0].state_size() + 1;
+        let row = workers[0].state_size() + 1 + task.memory_len();
         Ok(Self {
             task,
             table,
@@ -126,12 +128,13 @@ impl Backend for MujocoBackend {
             actions.par_chunks(nu),
             outputs.obs.data.par_chunks_mut(outputs.obs.stride),
             outputs.rewards.par_iter_mut(),
+            outputs.reward_terms.par_chunks_mut(task.reward_len()),
             outputs.terminated.par_iter_mut(),
             outputs.forward_velocity.par_iter_mut(),
             outputs.diverged.par_iter_mut(),
         )
             .into_par_iter()
-            .for_each(|(row, &class, &skip, action, obs, reward, terminated, velocity, diverged)| {
+            .for_each(|(row, &class, &skip, action, obs, reward, terms, terminated, velocity, diverged)| {
                 if skip {
                     return;
                 }
@@ -140,14 +143,16 @@ impl Backend for MujocoBackend {
                 *diverged = forward.is_none();
                 let Some(forward) = forward else {
                     worker.restart(task, table, class, row, &mut obs[..obs_dim]);
+                    terms.fill(0.0);
                     (*reward, *terminated, *velocity) = (0.0, true, 0.0);
                     return;
                 };
                 *velocity = forward;
                 let signals = worker.signals(table, class, *velocity);
-                *terminated = task.terminated(&signals);
-                *reward = task.reward(&signals, *terminated);
-                task.observe(&signals, &mut obs[..obs_dim]);
+                let memory = worker.memory(row);
+                let outcome = task.outcome(memory, &signals, terms);
+                (*reward, *terminated) = (outcome.reward, outcome.terminated);
+                task.observe(memory, &signals, &mut obs[..obs_dim]);
             });
         Ok(())
     }

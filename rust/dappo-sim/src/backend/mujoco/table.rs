@@ -3,6 +3,7 @@
 use std::any::Any;
 
 use super::library::{Data, Model};
+use super::varied::VariedModel;
 use crate::error::SimError;
 
 /// The compiled models of all damage classes.
@@ -73,7 +74,7 @@ pub struct Field {
 
 /// A [`Field`] of the `mjData` of a worker, borrowed as if the worker held the numbers themselves. There is one for each
 /// array, and it cannot be copied.
-pub(super) struct Array(Field);
+pub(super) struct Array(pub(super) Field);
 
 impl Array {
     pub fn get(&self) -> &[f64] {
@@ -102,7 +103,10 @@ pub struct WorkerFields {
     pub(super) ctrl: Array,
     pub(super) cfrc_ext: Array,
     pub(super) sensordata: Array,
+    pub(super) actuator_force: Array,
     pub(super) main_body_xpos: Array,
+    /// The worker's own models, one a class, where those of envs differ; empty otherwise.
+    pub(super) models: Vec<VariedModel>,
     /// Addresses of the counters (`int`) of states that were beyond bounds.
     pub(super) divergences: [usize; 3],
     pub(super) _owner: Box<dyn Any + Send + Sync>,
@@ -112,18 +116,19 @@ impl WorkerFields {
     /// Wraps the addresses of an `mjData` made from class 0 of a [`ModelTable`].
     ///
     /// # Safety
-    /// `data` must be a valid `mjData` without other users while this value lives, the fields must be its
-    /// arrays of that name (`main_body_xpos`: the three entries of the main body's `xpos`), `divergences` the
+    /// `data` must be a valid `mjData` without other users while this value lives, `models` must have the sizes of the
+    /// table's, the fields must be its arrays of that name (`main_body_xpos`: the three entries of the main body's `xpos`), `divergences` the
     /// addresses of `number` of its warnings `BADQPOS`, `BADQVEL` and `BADQACC`, and all of it must stay
     /// where it is for as long as `owner` lives.
     #[must_use]
     pub unsafe fn new(
         data: usize,
-        fields: [Field; 6],
+        fields: [Field; 7],
+        models: Vec<VariedModel>,
         divergences: [usize; 3],
         owner: Box<dyn Any + Send + Sync>,
     ) -> Self {
-        let [qpos, qvel, ctrl, cfrc_ext, sensordata, main_body_xpos] = fields.map(Array);
+        let [qpos, qvel, ctrl, cfrc_ext, sensordata, actuator_force, main_body_xpos] = fields.map(Array);
         Self {
             data: data as Data,
             qpos,
@@ -131,7 +136,9 @@ impl WorkerFields {
             ctrl,
             cfrc_ext,
             sensordata,
+            actuator_force,
             main_body_xpos,
+            models,
             divergences,
             _owner: owner,
         }
@@ -148,10 +155,10 @@ mod tests {
         let mut fields = numbers.each_mut().map(|row| Field { address: row.as_mut_ptr() as usize, len: 2 });
         fields[3].len = 0;
         let [qpos, qvel, ctrl, cfrc_ext, xpos] = fields;
-        let empty = Field { address: 0, len: 0 };
+        let fields = [qpos, qvel, ctrl, cfrc_ext, Field { address: 0, len: 0 }, Field { address: 0, len: 0 }, xpos];
         // SAFETY: the fields are rows of `numbers`, which outlives them, and no function of MuJoCo is called.
         let mut worker =
-            unsafe { WorkerFields::new(0, [qpos, qvel, ctrl, cfrc_ext, empty, xpos], [0; 3], Box::new(())) };
+            unsafe { WorkerFields::new(0, fields, Vec::new(), [0; 3], Box::new(())) };
         // Two arrays can be written at a time; one cannot be borrowed twice.
         let (qpos, qvel) = (worker.qpos.get_mut(), worker.qvel.get_mut());
         qpos.swap_with_slice(qvel);

@@ -1,10 +1,11 @@
 //! One thread's `mjData`: the only place that calls libmujoco.
 
-use super::library::{Data, MujocoLibrary};
+use super::library::{Data, Model, MujocoLibrary};
 use super::table::{ModelTable, WorkerFields};
-use crate::backend::{Reset, control, out_of_bounds, velocity};
+use super::varied::VariedModel;
+use crate::backend::{Reset, out_of_bounds, velocity};
 use crate::error::SimError;
-use crate::terms::{Signals, Task};
+use crate::task::{Signals, Task};
 
 /// An `mjData` that stands for one env at a time.
 pub(super) struct Worker {
@@ -55,13 +56,13 @@ impl Worker {
     /// Makes the data stand for the env whose state is `row`.
     pub(super) fn load(&mut self, table: &ModelTable, class: usize, row: &[f64]) {
         // SAFETY: model and data are valid and of equal sizes; the row holds `state_size` numbers.
-        unsafe { (self.library.set_state)(table.model(class), self.data(), row.as_ptr(), table.state_spec) };
+        unsafe { (self.library.set_state)(self.model(table, class), self.data(), row.as_ptr(), table.state_spec) };
     }
 
     fn store(&mut self, table: &ModelTable, class: usize, row: &mut [f64]) {
         // SAFETY: as in `load`.
         unsafe {
-            (self.library.get_state)(table.model(class), self.data(), row.as_mut_ptr(), table.state_spec);
+            (self.library.get_state)(self.model(table, class), self.data(), row.as_mut_ptr(), table.state_spec);
         };
         row[self.state_size] = self.main_body_x();
     }
@@ -75,8 +76,10 @@ impl Worker {
         row: &mut [f64],
         obs: &mut [f32],
     ) {
-        self.clear(table, reset.class);
-        // `clear` left the reference pose and no velocity.
+        task.begin(self.memory(row), reset);
+        self.vary(task, reset.class, row);
+        self.clear(task, table, reset.class);
+        // `clear` left the default pose and no velocity.
         reset.scatter(task.reset, self.fields.qpos.get_mut(), self.fields.qvel.get_mut());
         self.begin(task, table, reset.class, row, obs);
     }
@@ -91,7 +94,8 @@ impl Worker {
         row: &mut [f64],
         obs: &mut [f32],
     ) {
-        self.clear(table, class);
+        self.vary(task, class, row);
+        self.clear(task, table, class);
         self.fields.qpos.get_mut().copy_from_slice(qpos);
         self.fields.qvel.get_mut().copy_from_slice(qvel);
         self.begin(task, table, class, row, obs);
@@ -106,20 +110,43 @@ impl Worker {
         row: &mut [f64],
         obs: &mut [f32],
     ) {
-        self.clear(table, class);
+        self.vary(task, class, row);
+        self.clear(task, table, class);
         self.begin(task, table, class, row, obs);
     }
 
-    fn clear(&mut self, table: &ModelTable, class: usize) {
+    fn clear(&mut self, task: &Task, table: &ModelTable, class: usize) {
         // SAFETY: model and data are valid and of equal sizes.
-        unsafe { (self.library.reset_data)(table.model(class), self.data()) };
+        unsafe { (self.library.reset_data)(self.model(table, class), self.data()) };
+        if let Some(start) = task.start() {
+            self.fields.qpos.get_mut().copy_from_slice(start);
+        }
+    }
+
+    /// The model of a class; the worker's own where those of envs differ.
+    fn model(&self, table: &ModelTable, class: usize) -> Model {
+        self.fields.models.get(class).map_or_else(|| table.model(class), VariedModel::model)
+    }
+
+    /// Gives the worker's own model of a class what is random about the env whose state is `row`.
+    fn vary(&mut self, task: &Task, class: usize, row: &[f64]) {
+        if let Some(variation) = task.variation(&row[self.state_size + 1..])
+            && let Some(model) = self.fields.models.get_mut(class)
+        {
+            model.vary(&variation);
+        }
+    }
+
+    /// What the task remembers of the env whose state is `row`.
+    pub(super) fn memory<'a>(&self, row: &'a mut [f64]) -> &'a mut [f64] {
+        &mut row[self.state_size + 1..]
     }
 
     fn begin(&mut self, task: &Task, table: &ModelTable, class: usize, row: &mut [f64], obs: &mut [f32]) {
         // SAFETY: model and data are valid and of equal sizes.
-        unsafe { (self.library.forward)(table.model(class), self.data()) };
+        unsafe { (self.library.forward)(self.model(table, class), self.data()) };
         self.store(table, class, row);
-        task.observe(&self.signals(table, class, 0.0), obs);
+        task.observe_first(self.memory(row), &self.signals(table, class, 0.0), obs);
     }
 
     /// Advances the env by one env step and returns its forward velocity, m/s; `None` if the physics has diverged.
@@ -132,10 +159,14 @@ impl Worker {
         action: &[f32],
     ) -> Option<f64> {
         self.load(table, class, row);
-        for (ctrl, action) in self.fields.ctrl.get_mut().iter_mut().zip(action) {
-            *ctrl = control(task, *action);
+        self.vary(task, class, row);
+        let memory = self.memory(row);
+        task.act(memory, action, self.fields.ctrl.get_mut());
+        if let Some(change) = task.push(memory) {
+            let velocities = self.fields.qvel.get_mut().iter_mut();
+            velocities.zip(change).for_each(|(velocity, change)| *velocity += change);
         }
-        let (model, data) = (table.model(class), self.data());
+        let (model, data) = (self.model(table, class), self.data());
         for _ in 0..task.frame_skip {
             // SAFETY: model and data are valid and of equal sizes.
             unsafe { (self.library.step)(model, data) };
@@ -167,9 +198,11 @@ impl Worker {
         forward_velocity: f64,
     ) -> Signals<'a> {
         Signals {
+            class,
             qpos: self.qpos(),
             qvel: self.qvel(),
             ctrl: self.fields.ctrl.get(),
+            actuator_force: self.fields.actuator_force.get(),
             cfrc_ext: self.fields.cfrc_ext.get(),
             sensordata: self.fields.sensordata.get(),
             forward_velocity,

@@ -1,7 +1,7 @@
 //! A backend without physics: it counts, so that every number that a vector env returns is known.
 
 use dappo_sim::backend::{BackendSnapshot, ObsRows};
-use dappo_sim::terms::Task;
+use dappo_sim::task::{Anatomy, Task};
 use dappo_sim::{Backend, Layout, Physics, Reset, Robot, SimError, StepOutputs};
 
 /// Its robot.
@@ -53,8 +53,9 @@ impl Counter {
             limb_bodies: vec![vec![]; 4],
             touch_addresses: vec![],
             hidden_state: String::new(),
+            anatomy: Anatomy::default(),
         };
-        let task = Task::new(robot, &layout, None).unwrap();
+        let task = Task::new(robot, &layout, None, false).unwrap();
         Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
     }
 
@@ -102,7 +103,7 @@ impl Backend for Counter {
     }
 
     fn step(&mut self, actions: &[f32], skip: &[bool], outputs: StepOutputs<'_>) -> Result<(), SimError> {
-        let StepOutputs { mut obs, rewards, terminated, forward_velocity, diverged } = outputs;
+        let StepOutputs { mut obs, rewards, terminated, forward_velocity, diverged, .. } = outputs;
         for env in (0..self.num_envs()).filter(|&env| !skip[env]) {
             self.rows[env * ROW + 1] += 1.0;
             self.rows[env * ROW + 2] = self.classes[env] as f64;

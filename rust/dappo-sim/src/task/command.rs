@@ -1,0 +1,43 @@
+//! Commands: what an episode asks the robot to do.
+
+use serde::Deserialize;
+
+use crate::rng::Stream;
+
+/// The section `[commands]`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+pub struct Commands {
+    /// A velocity of the main body.
+    #[serde(default)]
+    pub velocity: Option<VelocityCommand>,
+}
+
+/// A velocity in the frame of the main body, drawn at the start of an episode and again after a while.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct VelocityCommand {
+    /// Range of the forward velocity, m/s.
+    pub lin_vel_x: [f64; 2],
+    /// Range of the velocity to the left, m/s.
+    pub lin_vel_y: [f64; 2],
+    /// Range of the rate of turn to the left, rad/s.
+    pub ang_vel_z: [f64; 2],
+    /// Share of commands to stand still.
+    #[serde(default)]
+    pub standing: f64,
+    /// Range of the time from one command to the next, s.
+    pub resample_every: [f64; 2],
+}
+
+/// Numbers in a command: forward, to the left, rate of turn.
+pub(super) const COMMAND: usize = 3;
+
+impl VelocityCommand {
+    /// Draws a command whose ranges are multiplied by `share`, and its duration, s.
+    pub(super) fn draw(&self, stream: &mut Stream, share: f64) -> ([f64; COMMAND], f64) {
+        let mut within = |[low, high]: [f64; 2]| low + (high - low) * stream.uniform();
+        let duration = within(self.resample_every);
+        let stands = within([0.0, 1.0]) < self.standing;
+        let command = [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z].map(|range| share * within(range));
+        (if stands { [0.0; COMMAND] } else { command }, duration)
+    }
+}
