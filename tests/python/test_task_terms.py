@@ -493,6 +493,25 @@ def test_what_events_draw_stays_within_its_ranges_and_differs_between_envs(make:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_infos_hold_the_command_of_the_next_step_and_what_the_events_have_drawn(make: Any, backend: str) -> None:  # noqa: ANN401
+    env = make(observed('{ term = "command" }, { term = "events" }') + SURVIVE + EVENTS, backend)
+    joints = ["right_knee", "right_hip", "left_hip", "left_knee"]
+    expected = ["friction", "motor_strength", "kp", "kd", "joint_damping", "joint_armature"]
+    expected += ["gravity x", "gravity y", "gravity z", *(f"encoder_bias {joint}" for joint in joints)]
+    assert env.event_names == [*expected, "action_delay"]
+    obs, infos = env.reset()
+    for _ in range(30):
+        shown = np.concatenate([infos["command"], infos["events"]], axis=1)
+        np.testing.assert_array_equal(shown.astype(np.float32), obs)
+        assert infos["_command"].all() and infos["_events"].all()
+        obs, _, _, _, infos = env.step(np.zeros((ENVS, 4)))
+    env.close()
+    plain = make(observed('{ term = "joint_pos" }') + SURVIVE, backend)
+    assert plain.event_names == [] and "events" not in plain.reset()[1]
+    plain.close()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_saved_state_holds_all_that_a_task_remembers(make: Any, backend: str) -> None:  # noqa: ANN401
     terms = ALL_TERMS[:-2] + ', { term = "joint_vel", delay = 1, history = 2, noise = 0.1 }]\n'
     env = make(terms + REWARDS + EVENTS, backend)

@@ -63,6 +63,21 @@ class NativeEnv(NotPicklable):
         if self.render_mode is not None:
             self._painter = painter(self.table)
 
+    @property
+    def reward_names(self) -> list[str]:
+        """Names of the terms of the reward, K of them."""
+        return self._core.reward_names
+
+    @property
+    def event_names(self) -> list[str]:
+        """Names of what the events of the task draw for an episode, E of them; see ``infos["events"]``."""
+        return self._core.event_names
+
+    def _of_task(self) -> dict[str, NDArray[np.float64]]:
+        """Return what a task with commands or events adds to the infos."""
+        values = {"command": self._core.command, "events": self._core.events}
+        return {key: value for key, value in values.items() if value.size}
+
     def save_state(self) -> SavedState:
         """Return the complete state of the envs, for `restore_state`.
 

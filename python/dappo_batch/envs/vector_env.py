@@ -119,11 +119,6 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         return self._core.backend_note
 
     @property
-    def reward_names(self) -> list[str]:
-        """Names of the terms of the reward, K of them."""
-        return self._core.reward_names
-
-    @property
     def reward_terms(self) -> NDArray[np.float64]:
         """Terms of the rewards of the last step, their weights included, [N, K].
 
@@ -223,9 +218,10 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         infos : dict
             ``damage_class`` (the active damage in this step, 0 before the onset), ``damage_onset``
             (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of
-            shape [N] with its mask ``_key``. In mode ``same_step``, where an episode ended:
-            ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the same keys at the
-            episode's last step).
+            shape [N] with its mask ``_key``. With a task that has them, ``command`` [N, 3] (m/s, m/s, rad/s)
+            for the next step and ``events`` [N, E], what is random in each episode. In mode ``same_step``, where
+            an episode ended: ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the keys of the
+            damage and the velocity at the episode's last step).
 
         Raises
         ------
@@ -371,14 +367,17 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
             "damage_onset": self._core.damage_onset,
             "severity": self._severity,
             "forward_velocity": self._core.forward_velocity,
+            **self._of_task(),
         }
         return self._masked(values, mask)
+
 
     def _masked(self, values: Mapping[str, NDArray[Any]], mask: NDArray[np.bool_]) -> Infos:
         everywhere = bool(mask.all())
         infos: Infos = {}
         for key, value in values.items():
-            infos[key] = self._give(value) if everywhere else np.where(mask, value, value.dtype.type(0))
+            shown = mask if value.ndim == 1 else mask[:, None]
+            infos[key] = self._give(value) if everywhere else np.where(shown, value, value.dtype.type(0))
             infos[f"_{key}"] = self._give(mask)
         return infos
 

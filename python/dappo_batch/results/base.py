@@ -31,13 +31,20 @@ class Result:
     @classmethod
     def from_dict(cls: type[_R], found: Mapping[str, Any]) -> _R:
         """Create a result from the dictionary of `to_dict`."""
-        return cls(**{name: _typed(kind, found[_KEYS.get(name, name)]) for name, kind in _kinds(cls).items()})
+        entries = {name: _typed(kind, _found(found, name, kind)) for name, kind in _kinds(cls).items()}
+        return cls(**entries)
 
 
 def _kinds(cls: type[Result]) -> dict[str, Any]:
     """Return the types of the fields by name."""
     hints = get_type_hints(cls)
     return {field.name: hints[field.name] for field in fields(cls)}
+
+
+def _found(found: Mapping[str, Any], name: str, kind: Any) -> Any:  # noqa: ANN401 - whatever a field is
+    """Return the entry of a field; None for one that may be None and is missing, as in earlier files."""
+    key = _KEYS.get(name, name)
+    return found.get(key) if isinstance(kind, UnionType) else found[key]
 
 
 def _typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - whatever a field is

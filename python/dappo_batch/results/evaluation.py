@@ -27,6 +27,8 @@ class ClassResult(Result):
 
     ``forward_reward`` is the sum of the forward velocity (m/s) over the env steps of an episode,
     ``forward_velocity`` its mean over all steps in m/s, ``distance`` the distance of an episode in m.
+    ``tracking`` is how well commanded velocities are tracked, the mean of the term ``track_lin_vel`` over the
+    steps of an episode, 0 after a fall; None for a task without commands.
     ``episode_length`` is in env steps; ``falls`` counts terminated episodes, ``diverged`` those among them
     whose physics diverged.
     """
@@ -43,6 +45,7 @@ class ClassResult(Result):
     episode_length: float
     falls: int
     diverged: int
+    tracking: float | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class GroupResult(Result):
     distance: float
     falls: int
     diverged: int
+    tracking: float | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ class RunSummary(Result):
     forward_reward: float
     forward_velocity: float
     distance: float
+    tracking: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,7 @@ class Side(Result):
     forward_velocity: float
     distance: float
     seeds: tuple[RunSummary, ...]
+    tracking: float | None = None
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,7 @@ class Estimate(Result):
 class Gain(Result):
     """Difference between two learners, averaged over damage classes.
 
-    ``absolute`` is the difference of the means, m/s; ``relative`` their ratio minus 1, or None if the other
+    ``absolute`` is the difference of the means of what the learners are compared by; ``relative`` their ratio minus 1, or None if the other
     mean is not above 0 in every resample.
     """
 
@@ -166,6 +172,8 @@ class ComparisonSummary(Result):
         Confidence level of the intervals, 0 to 1.
     intervals_cover : str
         What each resample draws.
+    compared_by : str
+        ``forward_reward``, m/s summed over steps, or ``tracking``, 0 to 1, for a task with commands.
     """
 
     runs: Side
@@ -184,17 +192,18 @@ class ComparisonSummary(Result):
     resamples: int
     confidence: float
     intervals_cover: str
+    compared_by: str
 
 
 @dataclass(frozen=True)
 class ClassComparison(Result):
-    """One damage class of a comparison; ``difference`` is the first side's reward minus the other's."""
+    """One damage class of a comparison; ``score`` is what the learners are compared by."""
 
     damage_class: int
     name: str
     group: str
-    forward_reward: float
-    other_forward_reward: float
+    score: float
+    other_score: float
     difference: float
     better: bool
 

@@ -350,6 +350,22 @@ impl PyVectorEnv {
         Ok(self.env()?.backend().task().reward_names().collect())
     }
 
+    /// Names of what the events draw for an episode.
+    #[getter]
+    fn event_names(&self) -> PyResult<Vec<String>> {
+        Ok(self.env()?.backend().task().event_names())
+    }
+
+    #[getter]
+    fn command<'py>(this: &Bound<'py, Self>) -> PyResult<States<'py>> {
+        view2(this, |buffers| &buffers.command)
+    }
+
+    #[getter]
+    fn events<'py>(this: &Bound<'py, Self>) -> PyResult<States<'py>> {
+        view2(this, |buffers| &buffers.events)
+    }
+
     #[getter]
     fn reward_terms<'py>(this: &Bound<'py, Self>) -> PyResult<States<'py>> {
         view2(this, |buffers| &buffers.reward_terms)

@@ -173,6 +173,14 @@ pub struct RewardFunction {
     pub terms: Vec<RewardTerm>,
 }
 
+impl RewardFunction {
+    /// The term that rewards tracking of commanded linear velocities, and its index; `None` without one.
+    #[must_use]
+    pub fn tracking(&self) -> Option<(usize, &RewardTerm)> {
+        crate::task::tracking(&self.terms)
+    }
+}
+
 /// Largest robot file, bytes.
 const LARGEST_FILE: usize = 1 << 20;
 /// Tables and lists inside each other, at most; a robot needs four.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
-use super::tables::Evaluation;
+use super::tables::{ClassResult, Evaluation};
 use crate::csv_table::table;
 use crate::error::{LearnError, Result};
 use crate::run_folder::EvaluationFolder;
@@ -40,6 +40,9 @@ pub struct RunSummary {
     pub forward_velocity: f64,
     /// Mean distance of an episode over all classes, m.
     pub distance: f64,
+    /// Mean tracking over all classes; `None` for a task without commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<f64>,
 }
 
 /// One side of a comparison: runs of one learner that differ in their seeds.
@@ -53,8 +56,31 @@ pub struct Side {
     pub forward_velocity: f64,
     /// Mean distance of an episode over all classes and seeds, m.
     pub distance: f64,
+    /// Mean tracking over all classes and seeds; `None` for a task without commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<f64>,
     /// One run a seed.
     pub seeds: Vec<RunSummary>,
+}
+
+/// What policies are compared by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Score {
+    /// Σ forward velocity of an episode.
+    ForwardReward,
+    /// How well commanded velocities are tracked, from 0 to 1.
+    Tracking,
+}
+
+impl Score {
+    /// Columns of both sides in a table.
+    fn columns(self) -> [&'static str; 2] {
+        match self {
+            Self::ForwardReward => ["forward_reward", "other_forward_reward"],
+            Self::Tracking => ["tracking", "other_tracking"],
+        }
+    }
 }
 
 /// A comparison in a few numbers.
@@ -83,6 +109,8 @@ pub struct ComparisonSummary {
     pub opposite_pairs: Option<Gain>,
     /// Resamples of each interval.
     pub resamples: usize,
+    /// What the two sides are compared by: gains are in its unit.
+    pub compared_by: Score,
     /// Share of the resamples inside an interval.
     pub confidence: f64,
     /// What was drawn in each resample, in words.
@@ -108,10 +136,10 @@ pub struct ClassComparison {
     pub name: String,
     /// Its group.
     pub group: String,
-    /// Forward reward of the first side, mean over its seeds.
-    pub forward_reward: f64,
-    /// Forward reward of the other side, mean over its seeds.
-    pub other_forward_reward: f64,
+    /// What the first side is compared by, mean over its seeds.
+    pub score: f64,
+    /// The same of the other side.
+    pub other_score: f64,
     /// The first minus the other.
     pub difference: f64,
     /// Whether the first side is ahead.
@@ -148,8 +176,8 @@ impl Comparison {
             )));
         }
         let classes = compare_classes(runs, others);
-        let (rewards, other_rewards) = (rewards(runs), rewards(others));
-        let gain_in = |chosen: &[usize]| gain(&rewards, &other_rewards, chosen, evaluation_seed);
+        let (scores, other_scores) = (scores(runs), scores(others));
+        let gain_in = |chosen: &[usize]| gain(&scores, &other_scores, chosen, evaluation_seed);
         let pairs = |place: &str| {
             let is_there = |class: &&ClassComparison| class.group.ends_with(place);
             let chosen: Vec<usize> = classes.iter().filter(is_there).map(|class| class.class).collect();
@@ -168,6 +196,7 @@ impl Comparison {
             // As the damage space names its groups.
             adjacent_pairs: pairs(" A"),
             opposite_pairs: pairs(" O"),
+            compared_by: if first.evaluation.is_commanded() { Score::Tracking } else { Score::ForwardReward },
             resamples: RESAMPLES,
             confidence: CONFIDENCE,
             intervals_cover: coverage(runs.len(), others.len()),
@@ -178,12 +207,13 @@ impl Comparison {
     /// The table of the classes as CSV with a header line.
     #[must_use]
     pub fn class_table(&self) -> String {
+        let [score, other_score] = self.summary.compared_by.columns();
         let columns = [
             "class",
             "name",
             "group",
-            "forward_reward",
-            "other_forward_reward",
+            score,
+            other_score,
             "difference",
             "better",
             "seeds",
@@ -195,8 +225,8 @@ impl Comparison {
                 c.class.to_string(),
                 c.name.clone(),
                 c.group.clone(),
-                format!("{:.4}", c.forward_reward),
-                format!("{:.4}", c.other_forward_reward),
+                format!("{:.4}", c.score),
+                format!("{:.4}", c.other_score),
                 format!("{:.4}", c.difference),
                 c.better.to_string(),
                 seeds.to_string(),
@@ -211,10 +241,10 @@ fn nothing_to_compare() -> LearnError {
     LearnError::Invalid("a comparison needs at least one run on each side, got none".into())
 }
 
-/// Forward rewards `[seeds][classes]`.
-fn rewards(runs: &[RunEvaluation]) -> Vec<Vec<f64>> {
+/// What the policies are compared by, `[seeds][classes]`.
+fn scores(runs: &[RunEvaluation]) -> Vec<Vec<f64>> {
     let of_run =
-        |run: &RunEvaluation| run.evaluation.classes.iter().map(|class| class.forward_reward).collect();
+        |run: &RunEvaluation| run.evaluation.classes.iter().map(ClassResult::score).collect();
     runs.iter().map(of_run).collect()
 }
 
@@ -228,6 +258,7 @@ fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
             forward_reward: run.evaluation.mean_forward_reward(),
             forward_velocity: run.evaluation.all().forward_velocity,
             distance: run.evaluation.all().distance,
+            tracking: run.evaluation.all().tracking,
         })
         .collect();
     let over_seeds = |of: fn(&RunSummary) -> f64| mean(seeds.iter().map(of));
@@ -236,23 +267,28 @@ fn side(runs: &[RunEvaluation], encoding: Encoding) -> Side {
         forward_reward: over_seeds(|run| run.forward_reward),
         forward_velocity: over_seeds(|run| run.forward_velocity),
         distance: over_seeds(|run| run.distance),
+        tracking: seeds
+            .iter()
+            .map(|run| run.tracking)
+            .collect::<Option<Vec<f64>>>()
+            .map(|shares| mean(shares.into_iter())),
         seeds,
     }
 }
 
 fn compare_classes(runs: &[RunEvaluation], others: &[RunEvaluation]) -> Vec<ClassComparison> {
     let over_seeds = |runs: &[RunEvaluation], class: usize| {
-        mean(runs.iter().map(|run| run.evaluation.classes[class].forward_reward))
+        mean(runs.iter().map(|run| run.evaluation.classes[class].score()))
     };
-    let compare = |(index, class): (usize, &super::ClassResult)| {
-        let (forward_reward, other_forward_reward) = (over_seeds(runs, index), over_seeds(others, index));
-        let difference = forward_reward - other_forward_reward;
+    let compare = |(index, class): (usize, &ClassResult)| {
+        let (score, other_score) = (over_seeds(runs, index), over_seeds(others, index));
+        let difference = score - other_score;
         ClassComparison {
             class: class.class,
             name: class.name.clone(),
             group: class.group.clone(),
-            forward_reward,
-            other_forward_reward,
+            score,
+            other_score,
             difference,
             better: difference > 0.0,
         }

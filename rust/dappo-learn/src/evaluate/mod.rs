@@ -15,7 +15,7 @@ use crate::statistics::{mean, standard_error};
 use crate::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 
 pub use bootstrap::{Estimate, Gain};
-pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Side};
+pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Score, Side};
 pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
 pub use text::seeds_text;
@@ -42,14 +42,23 @@ pub fn evaluate(
     let Some(walks) = trial.run(&mut agent, config, factory, stop)? else { return Ok(None) };
     let episodes = walks.episodes.chunks_exact(trial.episodes);
     let period = factory.control_period();
+    let commanded = factory.robot().commands.velocity.map(|_| {
+        config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps)
+    });
     let results = space.classes().iter().zip(episodes);
-    let results = results.map(|(class, episodes)| summarize(class, episodes, period));
+    let results = results.map(|(class, episodes)| summarize(class, episodes, period, commanded));
     let simulator = factory.simulator(factory.evaluation_physics());
     Ok(Some(Evaluation::new(encoding, simulator, results.collect())))
 }
 
-/// The result of a class from its episodes; `control_period` is the length of a step, s.
-fn summarize(class: &DamageClass, episodes: &[Episode], control_period: f64) -> ClassResult {
+/// The result of a class from its episodes; `control_period` is the length of a step, s, and `commanded` the number of
+/// steps of an episode without a failure for a task with commands.
+fn summarize(
+    class: &DamageClass,
+    episodes: &[Episode],
+    control_period: f64,
+    commanded: Option<usize>,
+) -> ClassResult {
     let forward: Vec<f64> = episodes.iter().map(|episode| episode.forward_reward).collect();
     let forward_reward = mean(forward.iter().copied());
     let steps: usize = episodes.iter().map(|episode| episode.steps).sum();
@@ -62,6 +71,9 @@ fn summarize(class: &DamageClass, episodes: &[Episode], control_period: f64) -> 
         standard_error: standard_error(&forward),
         forward_velocity: forward.iter().sum::<f64>() / steps as f64,
         distance: forward_reward * control_period,
+        // What an episode misses by its failure is not tracked.
+        tracking: commanded
+            .map(|steps| mean(episodes.iter().map(|episode| episode.tracking / steps as f64))),
         episode_return: mean(episodes.iter().map(|episode| episode.episode_return)),
         episode_length: mean(episodes.iter().map(|episode| episode.steps as f64)),
         falls: episodes.iter().filter(|episode| episode.fell).count(),

@@ -31,6 +31,10 @@ pub struct ClassResult {
     pub forward_velocity: f64,
     /// Mean over episodes of the distance forward, m.
     pub distance: f64,
+    /// Mean over episodes of how well commanded velocities were tracked, from 0 to 1: the mean of the term
+    /// `track_lin_vel` over the steps of an episode, 0 after a failure. `None` for a task without commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<f64>,
     /// Mean of Σ reward.
     pub episode_return: f64,
     /// Mean number of steps.
@@ -39,6 +43,14 @@ pub struct ClassResult {
     pub falls: usize,
     /// Episodes among them that ended because the physics diverged.
     pub diverged: usize,
+}
+
+impl ClassResult {
+    /// What policies are compared by: tracking where there are commands, else the forward reward.
+    #[must_use]
+    pub fn score(&self) -> f64 {
+        self.tracking.unwrap_or(self.forward_reward)
+    }
 }
 
 /// The result of a group of damage classes.
@@ -59,6 +71,9 @@ pub struct GroupResult {
     pub forward_velocity: f64,
     /// Mean of the classes' distances, m.
     pub distance: f64,
+    /// Mean of the classes' tracking; `None` for a task without commands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<f64>,
     /// Episodes that ended in failure.
     pub falls: usize,
     /// Episodes among them that ended because the physics diverged.
@@ -104,6 +119,18 @@ impl Evaluation {
         &self.groups[self.groups.len() - 1]
     }
 
+    /// Whether the task has commands.
+    #[must_use]
+    pub fn is_commanded(&self) -> bool {
+        self.all().tracking.is_some()
+    }
+
+    /// Mean over all classes of what policies are compared by.
+    #[must_use]
+    pub fn mean_score(&self) -> f64 {
+        mean(self.classes.iter().map(ClassResult::score))
+    }
+
     /// Mean forward reward over all classes.
     #[must_use]
     pub fn mean_forward_reward(&self) -> f64 {
@@ -128,6 +155,7 @@ impl Evaluation {
                 "falls",
                 "diverged",
             ],
+            tracking_column(self.is_commanded()),
             &Simulator::COLUMNS[..],
         ]
         .concat();
@@ -146,7 +174,7 @@ impl Evaluation {
                 c.falls.to_string(),
                 c.diverged.to_string(),
             ];
-            cells.into_iter().chain(self.simulator.cells()).collect()
+            cells.into_iter().chain(tracking_cell(c.tracking)).chain(self.simulator.cells()).collect()
         };
         table(&columns, self.classes.iter().map(row))
     }
@@ -166,6 +194,7 @@ impl Evaluation {
                 "falls",
                 "diverged",
             ],
+            tracking_column(self.is_commanded()),
             &Simulator::COLUMNS[..],
         ]
         .concat();
@@ -181,7 +210,7 @@ impl Evaluation {
                 g.falls.to_string(),
                 g.diverged.to_string(),
             ];
-            cells.into_iter().chain(self.simulator.cells()).collect()
+            cells.into_iter().chain(tracking_cell(g.tracking)).chain(self.simulator.cells()).collect()
         };
         table(&columns, self.groups.iter().map(row))
     }
@@ -248,6 +277,15 @@ impl MeanVelocities {
     }
 }
 
+/// The column of the tracking, which only tasks with commands have.
+fn tracking_column(is_commanded: bool) -> &'static [&'static str] {
+    if is_commanded { &["tracking"] } else { &[] }
+}
+
+fn tracking_cell(tracking: Option<f64>) -> Option<String> {
+    tracking.map(|share| format!("{share:.4}"))
+}
+
 fn groups(classes: &[ClassResult]) -> Vec<GroupResult> {
     let mut names: Vec<&str> = Vec::new();
     for class in classes {
@@ -271,6 +309,11 @@ fn group(name: &str, classes: &[&ClassResult]) -> GroupResult {
         standard_error: variance.sqrt() / classes.len() as f64,
         forward_velocity: mean(classes.iter().map(|class| class.forward_velocity)),
         distance: mean(classes.iter().map(|class| class.distance)),
+        tracking: classes
+            .iter()
+            .map(|class| class.tracking)
+            .collect::<Option<Vec<f64>>>()
+            .map(|shares| mean(shares.into_iter())),
         falls: classes.iter().map(|class| class.falls).sum(),
         diverged: classes.iter().map(|class| class.diverged).sum(),
     }
@@ -297,6 +340,7 @@ pub(super) mod tests {
             // Binary fractions, whose means are exact.
             forward_velocity: forward_reward / 16.0,
             distance: forward_reward / 8.0,
+            tracking: None,
             episode_return: 0.5,
             episode_length: 20.0,
             falls: class,

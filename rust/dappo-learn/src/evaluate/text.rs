@@ -1,7 +1,7 @@
 //! Evaluations and comparisons as text.
 
 use super::bootstrap::{Estimate, Gain};
-use super::comparison::{ComparisonSummary, RunEvaluation, RunSummary, Side};
+use super::comparison::{ComparisonSummary, RunEvaluation, RunSummary, Score, Side};
 use super::tables::{Evaluation, GroupResult};
 use crate::statistics::mean;
 use crate::text_table::table;
@@ -11,6 +11,20 @@ impl Evaluation {
     /// The table of the classes, that of the groups and the mean over all classes.
     #[must_use]
     pub fn text(&self) -> String {
+        if self.is_commanded() {
+            let headers = ["class", "<name", "<group", "tracking", "length", "falls"];
+            let rows = self.classes.iter().map(|c| {
+                [
+                    c.class.to_string(),
+                    c.name.clone(),
+                    c.group.clone(),
+                    share(c.tracking),
+                    format!("{:.0}", c.episode_length),
+                    format!("{}/{}", c.falls, c.episodes),
+                ]
+            });
+            return table(headers, rows) + &self.group_text();
+        }
         let headers = ["class", "<name", "<group", "forward reward", "± s.e.", "m/s", "m", "length", "falls"];
         let rows = self.classes.iter().map(|c| {
             [
@@ -31,28 +45,37 @@ impl Evaluation {
     /// The table of the groups and the mean over all classes.
     #[must_use]
     pub fn group_text(&self) -> String {
-        let headers = ["<group", "classes", "forward reward", "± s.e.", "m/s", "m", "falls"];
-        let rows = self.groups.iter().map(|g| {
-            [
-                g.group.clone(),
-                g.classes.to_string(),
-                format!("{:.1}", g.forward_reward),
-                error(g.standard_error),
-                format!("{:.2}", g.forward_velocity),
-                format!("{:.1}", g.distance),
-                format!("{}/{}", g.falls, g.episodes),
-            ]
-        });
+        let groups = if self.is_commanded() {
+            let headers = ["<group", "classes", "tracking", "falls"];
+            let row = |g: &GroupResult| {
+                let falls = format!("{}/{}", g.falls, g.episodes);
+                [g.group.clone(), g.classes.to_string(), share(g.tracking), falls]
+            };
+            table(headers, self.groups.iter().map(row))
+        } else {
+            let headers = ["<group", "classes", "forward reward", "± s.e.", "m/s", "m", "falls"];
+            let row = |g: &GroupResult| {
+                [
+                    g.group.clone(),
+                    g.classes.to_string(),
+                    format!("{:.1}", g.forward_reward),
+                    error(g.standard_error),
+                    format!("{:.2}", g.forward_velocity),
+                    format!("{:.1}", g.distance),
+                    format!("{}/{}", g.falls, g.episodes),
+                ]
+            };
+            table(headers, self.groups.iter().map(row))
+        };
         let all = self.all();
         let diverged = match all.diverged {
             0 => String::new(),
             some => format!("episodes among the falls that ended because the physics diverged: {some}\n"),
         };
         format!(
-            "{}{diverged}mean over {} damage classes: {} (backend {}, {}){}\n",
-            table(headers, rows),
+            "{groups}{diverged}mean over {} damage classes: {} (backend {}, {}){}\n",
             all.classes,
-            walked(all.forward_reward, all.forward_velocity, all.distance),
+            walked(all.tracking, all.forward_reward, all.forward_velocity, all.distance),
             self.simulator.physics.backend(),
             self.simulator.physics.precision(),
             encoding(self.encoding)
@@ -63,15 +86,19 @@ impl Evaluation {
 /// The mean over several runs of one learner, as a line.
 #[must_use]
 pub fn seeds_text(runs: &[RunEvaluation]) -> String {
-    let means: Vec<f64> = runs.iter().map(|run| run.evaluation.mean_forward_reward()).collect();
+    let is_commanded = runs.iter().all(|run| run.evaluation.is_commanded());
+    let means: Vec<f64> = runs.iter().map(|run| run.evaluation.mean_score()).collect();
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let over_runs = |of: fn(&GroupResult) -> f64| mean(runs.iter().map(|run| of(run.evaluation.all())));
+    let decimals = if is_commanded { 3 } else { 1 };
+    let score = mean(means.iter().copied());
     format!(
-        "mean of {} runs: {}, from {low:.1} to {high:.1} ({})\n",
+        "mean of {} runs: {}, from {low:.decimals$} to {high:.decimals$} ({})\n",
         runs.len(),
         walked(
-            mean(means.iter().copied()),
+            is_commanded.then_some(score),
+            score,
             over_runs(|all| all.forward_velocity),
             over_runs(|all| all.distance)
         ),
@@ -87,7 +114,7 @@ impl ComparisonSummary {
         let side = |name: &str, side: &Side| {
             format!(
                 "  mean of {name}: {} ({}){}\n",
-                walked(side.forward_reward, side.forward_velocity, side.distance),
+                walked(side.tracking, side.forward_reward, side.forward_velocity, side.distance),
                 seed_list(side.seeds.iter().map(|run| run.seed)),
                 encoding(side.encoding)
             )
@@ -127,7 +154,11 @@ impl ComparisonSummary {
     fn gains(&self) -> String {
         let pairs = |name: &str, pairs: &Option<Gain>| {
             pairs.as_ref().map_or_else(String::new, |pairs| {
-                format!("  average gain on {name} pairs ({} classes): {}\n", pairs.classes, gain(pairs))
+                format!(
+                    "  average gain on {name} pairs ({} classes): {}\n",
+                    pairs.classes,
+                    gain(pairs, self.compared_by)
+                )
             })
         };
         let mut all = [Some(&self.gain), self.adjacent_pairs.as_ref(), self.opposite_pairs.as_ref()]
@@ -140,15 +171,19 @@ impl ComparisonSummary {
         };
         format!(
             "  average gain: {}\n{}{}{missing}",
-            gain(&self.gain),
+            gain(&self.gain, self.compared_by),
             pairs("adjacent", &self.adjacent_pairs),
             pairs("opposite", &self.opposite_pairs)
         )
     }
 }
 
-/// How far a robot walks in an episode: the forward reward, and the same in other units.
-fn walked(forward_reward: f64, forward_velocity: f64, distance: f64) -> String {
+/// How far a robot walks in an episode: the forward reward, and the same in other units; with commands, how well it
+/// tracks them.
+fn walked(tracking: Option<f64>, forward_reward: f64, forward_velocity: f64, distance: f64) -> String {
+    if tracking.is_some() {
+        return format!("tracking {}", share(tracking));
+    }
     format!("forward reward {forward_reward:.1}, {forward_velocity:.2} m/s, {distance:.1} m an episode")
 }
 
@@ -169,14 +204,19 @@ fn encoding(encoding: Encoding) -> String {
     if encoding == Encoding::True { String::new() } else { format!(", encoding {}", encoding.name()) }
 }
 
-fn gain(gain: &Gain) -> String {
-    let absolute = with_interval(gain.absolute, 1.0, "");
-    let relative = gain.relative.map(|relative| format!(", {}", with_interval(relative, 100.0, " %")));
+fn share(share: Option<f64>) -> String {
+    share.map_or_else(String::new, |share| format!("{share:.3}"))
+}
+
+fn gain(gain: &Gain, compared_by: Score) -> String {
+    let decimals = if compared_by == Score::Tracking { 3 } else { 1 };
+    let absolute = with_interval(gain.absolute, 1.0, decimals, "");
+    let relative = gain.relative.map(|relative| format!(", {}", with_interval(relative, 100.0, 1, " %")));
     format!("{absolute}{}", relative.unwrap_or_default())
 }
 
-fn with_interval(estimate: Estimate, factor: f64, unit: &str) -> String {
-    let number = |value: f64| format!("{:+.1}{unit}", factor * value);
+fn with_interval(estimate: Estimate, factor: f64, decimals: usize, unit: &str) -> String {
+    let number = |value: f64| format!("{:+.decimals$}{unit}", factor * value);
     format!("{} [{}, {}]", number(estimate.value), number(estimate.low), number(estimate.high))
 }
 
@@ -253,12 +293,14 @@ mod tests {
             forward_reward: 7.5,
             forward_velocity: 0.5,
             distance: 1.25,
+            tracking: None,
         };
         let side = |encoding, seeds: Vec<RunSummary>| Side {
             encoding,
             forward_reward: 7.5,
             forward_velocity: 0.5,
             distance: 1.3,
+            tracking: None,
             seeds,
         };
         let estimate = |value| Estimate { value, low: -value, high: 2.0 * value };
@@ -280,6 +322,7 @@ mod tests {
             opposite_pairs: Some(gain(2, 6.0, None)),
             resamples: 1000,
             confidence: 0.95,
+            compared_by: Score::ForwardReward,
             intervals_cover: "classes only",
         }
     }
@@ -298,6 +341,36 @@ mod tests {
               no gain in per cent where the mean of OTHER may not be above 0\n  \
               intervals: 95 % of 1000 bootstrap resamples over classes only\n";
         assert_eq!(comparison().text(), expected);
+    }
+
+    #[test]
+    fn robots_with_commands_are_judged_by_how_well_they_track_them() {
+        let mut tracked = evaluation(Encoding::True, [96.0, 40.0, 8.0], 3.0);
+        for (class, share) in tracked.classes.iter_mut().zip([0.75, 0.5, 0.25]) {
+            class.tracking = Some(share);
+        }
+        let tracked = Evaluation::new(Encoding::True, simulator(), tracked.classes);
+        let expected = "\
+            class  name     group  tracking  length  falls\n    \
+                0  class 0  none      0.750      20    0/4\n    \
+                1  class 1  D1        0.500      20    1/4\n    \
+                2  class 2  D1        0.250      20    2/4\n\
+            group  classes  tracking  falls\n\
+            none         1     0.750    0/4\n\
+            D1           2     0.375    3/8\n\
+            all          3     0.500   3/12\n\
+            episodes among the falls that ended because the physics diverged: 1\n\
+            mean over 3 damage classes: tracking 0.500 (backend lanes, f64)\n";
+        assert_eq!(tracked.text(), expected);
+        assert_eq!(tracked.mean_score(), 0.5);
+        let line = tracked.class_table();
+        assert!(line.starts_with("class,name,group,") && line.contains(",diverged,tracking,backend"), "{line}");
+        let mut comparison = comparison();
+        comparison.compared_by = Score::Tracking;
+        (comparison.runs.tracking, comparison.others.tracking) = (Some(0.5), Some(0.25));
+        let text = comparison.text();
+        assert!(text.contains("mean of RUN: tracking 0.500 (2 seeds: 1, 2)"), "{text}");
+        assert!(text.contains("average gain: +2.500 [-2.500, +5.000], +50.0 %"), "{text}");
     }
 
     #[test]

@@ -26,6 +26,8 @@ pub struct Episode {
     pub forward_reward: f64,
     /// Σ reward.
     pub episode_return: f64,
+    /// Σ of how well the commanded velocity was tracked, from 0 to 1 a step; 0 for a task without commands.
+    pub tracking: f64,
     /// Whether it ended in failure.
     pub fell: bool,
     /// Whether it ended because the physics diverged.

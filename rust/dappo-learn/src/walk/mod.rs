@@ -137,10 +137,14 @@ impl Trial {
     /// Adds the last step to the episodes that it belongs to, and notes which of them it ended.
     fn count(&self, env: &VectorEnv, episodes: &mut [Episode], walking: &mut [bool]) {
         let buffers = env.buffers();
+        let task = env.backend().task();
         for (index, episode) in episodes.iter_mut().enumerate().filter(|(index, _)| walking[*index]) {
             episode.steps += 1;
             episode.forward_reward += buffers.forward_velocity[index];
             episode.episode_return += buffers.rewards[index];
+            if let Some((term, weight)) = task.tracking() {
+                episode.tracking += buffers.reward_terms[index * task.reward_len() + term] / weight;
+            }
             episode.fell = buffers.terminated[index];
             episode.diverged = buffers.diverged[index];
             if self.kept != Kept::Sums {

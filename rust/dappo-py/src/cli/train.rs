@@ -52,7 +52,7 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     }
 
     let watch = Watch::new(config.total_steps, arguments.json, caller)?;
-    let mut display = Display::new(&config, factory.control_period(), &watch);
+    let mut display = Display::new(&config, &factory, &watch);
     let outcome = pool.run(py, || train(&config, &factory, &run, resumption.as_ref(), &mut display));
     watch.finish();
     if display.diverged > 0 && !arguments.json {
@@ -157,18 +157,29 @@ struct Display<'a> {
     watch: &'a Watch<'a>,
     iterations: u64,
     steps_an_iteration: u64,
+    /// The metric that tells how well commanded velocities are tracked, and its weight in the reward, if there is one.
+    tracking: Option<(String, f64)>,
+    /// Duration of an env step, s.
     control_period: f64,
     last_walked: String,
     diverged: u64,
 }
 
 impl<'a> Display<'a> {
-    /// `control_period` is the length of an env step, s.
-    fn new(config: &Config, control_period: f64, watch: &'a Watch<'a>) -> Self {
+    fn new(config: &Config, factory: &TableFactory, watch: &'a Watch<'a>) -> Self {
         let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
         let iterations = config.total_steps.div_ceil(steps_an_iteration);
-        let last_walked = "–".to_owned();
-        Self { watch, iterations, steps_an_iteration, control_period, last_walked, diverged: 0 }
+        let reward = factory.robot().reward(config.env.reward.as_deref()).ok();
+        let tracking = reward.and_then(|reward| reward.tracking());
+        Self {
+            watch,
+            iterations,
+            steps_an_iteration,
+            control_period: factory.control_period(),
+            tracking: tracking.map(|(_, term)| (format!("reward_{}", term.name), term.weight)),
+            last_walked: "no episode has ended".to_owned(),
+            diverged: 0,
+        }
     }
 }
 
@@ -179,13 +190,16 @@ impl Observer for Display<'_> {
             return;
         }
         let EpisodeSummary { forward_reward, episode_length, .. } = metrics.episodes;
-        if let Some((reward, length)) = forward_reward.zip(episode_length) {
+        if let Some((metric, weight)) = &self.tracking {
+            let share = metrics.reward_terms.get(metric).map_or(0.0, |term| term / weight);
+            self.last_walked = format!("tracking {share:.2}");
+        } else if let Some((reward, length)) = forward_reward.zip(episode_length) {
             let (velocity, distance) = (reward / length, reward * self.control_period);
-            self.last_walked = format!("{reward:.0} ({velocity:.2} m/s, {distance:.1} m)");
+            self.last_walked = format!("forward reward {reward:.0} ({velocity:.2} m/s, {distance:.1} m)");
         }
         let rate = self.steps_an_iteration as f64 / (metrics.rollout_seconds + metrics.update_seconds);
         let message = format!(
-            "iteration {}/{} · {} · forward reward {} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
+            "iteration {}/{} · {} · {} · {:.1} k steps/s (rollout {:.2} s, update {:.2} s)",
             metrics.iteration,
             self.iterations,
             metrics.stage,

@@ -85,6 +85,10 @@ impl Backend for WarpBackend {
         &self.task
     }
 
+    fn memory(&self, _env: usize) -> &[f64] {
+        &[]
+    }
+
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
         let mut is_reset = vec![false; self.num_envs()];
         for reset in resets {

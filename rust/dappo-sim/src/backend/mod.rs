@@ -112,6 +112,9 @@ pub trait Backend: Send + Sync {
     /// Observation, reward and termination of the robot.
     fn task(&self) -> &Task;
 
+    /// What the task remembers of an env, `[memory_len]`; empty for a backend whose tasks remember nothing.
+    fn memory(&self, env: usize) -> &[f64];
+
     /// Starts new episodes and writes their first observations. An env appears at most once.
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError>;
 

@@ -129,7 +129,19 @@ pub(super) struct Drawn {
 }
 
 /// Numbers of a [`Variation`].
-const VARIATION: usize = 9;
+const VARIATION: usize = VARIED.len();
+/// Their names.
+const VARIED: [&str; 9] = [
+    "friction",
+    "motor_strength",
+    "kp",
+    "kd",
+    "joint_damping",
+    "joint_armature",
+    "gravity x",
+    "gravity y",
+    "gravity z",
+];
 
 impl Events {
     /// What this task draws, and the room for it.
@@ -248,6 +260,14 @@ impl Drawn {
     /// What a privileged critic may see, in the order of [`Variation`]'s fields, then encoders and delay.
     pub fn shown<'a>(&self, numbers: &'a [f64]) -> &'a [f64] {
         &numbers[..self.start_of_push()]
+    }
+
+    /// Names of the entries of [`Self::shown`], given those of the actuated joints.
+    pub fn names<'a>(&self, joints: impl Iterator<Item = &'a str>) -> Vec<String> {
+        let varied = if self.varies { &VARIED[..] } else { &[] };
+        let encoders = joints.take(self.encoders).map(|joint| format!("encoder_bias {joint}"));
+        let delay = self.delays.then(|| "action_delay".to_owned());
+        varied.iter().map(|name| (*name).to_owned()).chain(encoders).chain(delay).collect()
     }
 
     /// Number of entries of [`Self::shown`].

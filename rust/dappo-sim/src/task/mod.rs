@@ -188,6 +188,38 @@ impl Task {
         self.rewards.iter().map(|term| term.name.as_str())
     }
 
+    /// The term of the reward that says how well commanded linear velocities are tracked, from 0 to 1 without its weight:
+    /// its index and its weight.
+    #[must_use]
+    pub fn tracking(&self) -> Option<(usize, f64)> {
+        tracking(&self.rewards).map(|(index, term)| (index, term.weight))
+    }
+
+    /// Numbers in the command of an env; 0 for a task without commands.
+    #[must_use]
+    pub fn command_len(&self) -> usize {
+        if self.command.is_some() { COMMAND } else { 0 }
+    }
+
+    /// The command of an env, `[command_len]`.
+    #[must_use]
+    pub fn command<'a>(&self, row: &'a [f64]) -> &'a [f64] {
+        &row[self.slots.command.clone()][..self.command_len()]
+    }
+
+    /// Names of what the events draw for an episode.
+    #[must_use]
+    pub fn event_names(&self) -> Vec<String> {
+        let joints = self.layout.anatomy.actuators.iter().filter_map(|actuator| actuator.joint.as_ref());
+        self.drawn.names(joints.map(|joint| joint.name.as_str()))
+    }
+
+    /// What the events have drawn for the episode of an env, in the order of their names.
+    #[must_use]
+    pub fn events<'a>(&self, row: &'a [f64]) -> &'a [f64] {
+        self.drawn.shown(&row[self.slots.events.clone()])
+    }
+
     /// Numbers that the task remembers of an env.
     #[must_use]
     pub fn memory_len(&self) -> usize {
@@ -467,6 +499,12 @@ impl<'a> Scene<'a> {
     fn time(&self) -> f64 {
         self.clock().step as f64 * self.dt
     }
+}
+
+/// The first term that rewards tracking of linear velocities, and its index.
+pub(crate) fn tracking(terms: &[RewardTerm]) -> Option<(usize, &RewardTerm)> {
+    let is_tracking = |term: &RewardTerm| matches!(term.measure, Measure::TrackLinVel { .. }) && term.weight > 0.0;
+    terms.iter().enumerate().find(|(_, term)| is_tracking(term))
 }
 
 /// Refuses a compiled robot that the terms cannot be computed for.

@@ -8,6 +8,7 @@ use crate::backend::{Backend, ObsRows, Reset, StepOutputs};
 use crate::curriculum::ClassDistribution;
 use crate::damage::DamageSpace;
 use crate::error::{SimError, expect_len};
+use crate::task::Task;
 
 pub use autoreset::Autoreset;
 pub use episode::Onset;
@@ -53,6 +54,10 @@ pub struct Buffers {
     pub rewards: Vec<f64>,
     /// Terms of the reward with their weights, in the last step of each env, `[N, terms]`.
     pub reward_terms: Vec<f64>,
+    /// Commands that hold in the next step, `[N, command_len]`.
+    pub command: Vec<f64>,
+    /// What the events have drawn for each episode, `[N, events]`.
+    pub events: Vec<f64>,
     /// Failures, `[N]`.
     pub terminated: Vec<bool>,
     /// Time limits, `[N]`.
@@ -80,11 +85,13 @@ pub struct Buffers {
 }
 
 impl Buffers {
-    fn new(envs: usize, obs_dim: usize, terms: usize) -> Self {
+    fn new(envs: usize, obs_dim: usize, task: &Task) -> Self {
         Self {
             obs: vec![0.0; envs * obs_dim],
             rewards: vec![0.0; envs],
-            reward_terms: vec![0.0; envs * terms],
+            reward_terms: vec![0.0; envs * task.reward_len()],
+            command: vec![0.0; envs * task.command_len()],
+            events: vec![0.0; envs * task.event_names().len()],
             terminated: vec![false; envs],
             truncated: vec![false; envs],
             forward_velocity: vec![0.0; envs],
@@ -134,7 +141,7 @@ impl VectorEnv {
         let obs_dim = backend.task().obs_dim() + code_length;
         Ok(Self {
             episodes: config.keys.iter().map(|&key| Episode::before_the_first(key)).collect(),
-            buffers: Buffers::new(envs, obs_dim, backend.task().reward_len()),
+            buffers: Buffers::new(envs, obs_dim, backend.task()),
             codes: space.codes(),
             backend,
             config,
@@ -241,6 +248,7 @@ impl VectorEnv {
         }
         self.run_resets(&resets)?;
         self.started = true;
+        self.show_task();
         Ok(())
     }
 
@@ -272,7 +280,25 @@ impl VectorEnv {
             // As Gymnasium's TimeLimit: a failure in the last step is both terminated and truncated.
             self.buffers.truncated[env] = episode.step >= self.config.max_episode_steps;
         }
-        self.autoreset(&pending)
+        self.autoreset(&pending)?;
+        self.show_task();
+        Ok(())
+    }
+
+    /// Copies what the task remembers of the envs and others may see.
+    fn show_task(&mut self) {
+        let (task, buffers) = (self.backend.task(), &mut self.buffers);
+        let rows = |width: usize| (0..self.episodes.len()).map(move |env| (env, env * width..(env + 1) * width));
+        if !buffers.command.is_empty() {
+            for (env, row) in rows(task.command_len()) {
+                buffers.command[row].copy_from_slice(task.command(self.backend.memory(env)));
+            }
+        }
+        if !buffers.events.is_empty() {
+            for (env, row) in rows(buffers.events.len() / self.episodes.len()) {
+                buffers.events[row].copy_from_slice(task.events(self.backend.memory(env)));
+            }
+        }
     }
 
     fn check_actions(&self, actions: &[f32]) -> Result<(), SimError> {

@@ -64,6 +64,7 @@ impl VectorEnv {
             self.buffers.episode_step[env] = episode.step as i64;
         }
         self.started = true;
+        self.show_task();
         Ok(())
     }
 }

@@ -238,6 +238,11 @@ impl Block {
         self.group.read(lane, Readout { qpos, qvel, cfrc_ext: &mut cfrc_ext, touch: &mut touch });
     }
 
+    /// What the task remembers of a lane.
+    pub fn memory(&self, task: &Task, lane: usize) -> &[f64] {
+        &self.memory[lane * task.memory_len()..(lane + 1) * task.memory_len()]
+    }
+
     /// Numbers in a saved row.
     pub fn row(&self, task: &Task) -> usize {
         self.group.row() + task.memory_len()
@@ -246,7 +251,7 @@ impl Block {
     pub fn save(&self, task: &Task, lane: usize, row: &mut [f64]) {
         let (physics, memory) = row.split_at_mut(self.group.row());
         self.group.save(lane, physics);
-        memory.copy_from_slice(&self.memory[lane * task.memory_len()..][..task.memory_len()]);
+        memory.copy_from_slice(self.memory(task, lane));
     }
 
     pub fn load(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize, row: &[f64]) {

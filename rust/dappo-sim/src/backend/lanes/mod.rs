@@ -78,6 +78,11 @@ impl Backend for LanesBackend {
         &self.task
     }
 
+    fn memory(&self, env: usize) -> &[f64] {
+        let (block, lane) = self.place(env);
+        self.blocks[block].memory(&self.task, lane)
+    }
+
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
         let mut wanted: Vec<Option<Reset>> = vec![None; self.num_envs()];
         for reset in resets {

@@ -89,6 +89,10 @@ impl Backend for MujocoBackend {
         &self.task
     }
 
+    fn memory(&self, env: usize) -> &[f64] {
+        &self.rows[(env + 1) * self.row - self.task.memory_len()..(env + 1) * self.row]
+    }
+
     fn reset(&mut self, resets: &[Reset], obs: ObsRows<'_>) -> Result<(), SimError> {
         let mut wanted: Vec<Option<Reset>> = vec![None; self.num_envs()];
         for reset in resets {

@@ -85,6 +85,10 @@ impl Backend for Counter {
         &self.task
     }
 
+    fn memory(&self, _env: usize) -> &[f64] {
+        &[]
+    }
+
     fn reset(&mut self, resets: &[Reset], mut obs: ObsRows<'_>) -> Result<(), SimError> {
         for reset in resets {
             self.classes[reset.env] = reset.class;
