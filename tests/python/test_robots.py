@@ -53,7 +53,7 @@ def hexapod() -> mujoco.MjModel:
     return compile_class_table("hexapod", max_damaged_limbs=0).models[0]
 
 
-def test_the_package_ships_the_two_robots_of_the_paper_and_two_of_unitree() -> None:
+def test_the_package_ships_four_robots() -> None:
     assert ROBOTS == ("ant", "go1", "go2", "hexapod")
 
 
