@@ -17,6 +17,8 @@ SIZE = (480, 360)
 PICTURES = {
     "ant": {"healthy": "healthy", "damaged": "missing_toe@2+jammed_joint@3"},
     "hexapod": {"healthy": "healthy", "damaged": "missing_toe@1+jammed_joint@0"},
+    "go1": {"healthy": "healthy", "damaged": "jammed_joint@0+weak_motor@3"},
+    "go2": {"healthy": "healthy", "damaged": "jammed_joint@0+weak_motor@3"},
 }
 
 
@@ -28,7 +30,9 @@ def main() -> None:
         for label, damage in classes.items():
             model = table.models[table.space.parse(damage)]
             data = table.worker_data(1)[0]
-            # Two seconds without action, so that the robot rests on what is left of its limbs.
+            if model.nkey:  # servo targets of the standing pose
+                mujoco.mj_resetDataKeyframe(model, data, 0)
+            # Two seconds with constant controls, so that the robot rests on what is left of its limbs.
             mujoco.mj_step(model, data, nstep=round(2.0 / model.opt.timestep))
             path = FOLDER / f"{robot}_{label}.png"
             write(path, Walk(table, data.qpos, damage), size=SIZE, captioned=False)

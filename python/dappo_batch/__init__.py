@@ -1,6 +1,7 @@
 """Damage-randomised robots in MuJoCo, and policies that adapt to their damage.
 
-Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0`` and ``dappo_batch/Hexapod-v0``.
+Importing the package registers the Gymnasium ids ``dappo_batch/Ant-v0``, ``dappo_batch/Go1-v0``,
+``dappo_batch/Go2-v0`` and ``dappo_batch/Hexapod-v0``.
 """
 
 from __future__ import annotations

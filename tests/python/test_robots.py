@@ -53,8 +53,8 @@ def hexapod() -> mujoco.MjModel:
     return compile_class_table("hexapod", max_damaged_limbs=0).models[0]
 
 
-def test_the_package_ships_the_two_robots_of_the_paper() -> None:
-    assert ROBOTS == ("ant", "hexapod")
+def test_the_package_ships_four_robots() -> None:
+    assert ROBOTS == ("ant", "go1", "go2", "hexapod")
 
 
 def test_the_ant_has_the_sizes_of_ant_v5(ant: mujoco.MjModel) -> None:
@@ -195,7 +195,7 @@ def test_a_new_robot_needs_no_code() -> None:
 
 
 def test_an_unknown_robot_is_rejected_with_a_list_of_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"'spider'.*ant, hexapod.*robot TOML"):
+    with pytest.raises(ConfigError, match=r"'spider'.*ant, go1, go2, hexapod.*robot TOML"):
         load_robot("spider")
 
 

@@ -1,4 +1,4 @@
-"""The Gymnasium ids: ``dappo_batch/Ant-v0``, ``dappo_batch/Hexapod-v0``, one for every built-in robot."""
+"""The Gymnasium ids: ``dappo_batch/Ant-v0``, ``dappo_batch/Go1-v0``, one for every built-in robot."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
     Parameters
     ----------
     robot : str, Path, Robot or ClassTable
-        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or a loaded or compiled robot.
+        A name in `dappo_batch.ROBOTS`, the path of a robot TOML, or a loaded or compiled robot.
     **options
         See `EnvOptions`. Unlike in `DamageVectorEnv`, the default of `max_episode_steps` is no limit, because
         ``gymnasium.make`` adds the robot's limit with the wrapper ``TimeLimit``.

@@ -38,7 +38,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
     Parameters
     ----------
     robot : str, Path, Robot or ClassTable
-        ``"ant"``, ``"hexapod"``, the path of a robot TOML, or a loaded or compiled robot.
+        A name in `dappo_batch.ROBOTS`, the path of a robot TOML, or a loaded or compiled robot.
     num_envs : int
         Number of environments N.
     **options

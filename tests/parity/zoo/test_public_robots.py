@@ -16,7 +16,7 @@ from dappo_batch.robots import load_robot
 
 from ..states import States, converged, evaluate, relative_error
 from .poses import KINDS, random_controls, rolled_out
-from .vendors import ROBOTS, NoWheelsError, install_wheels, place
+from .vendors import ROBOTS, place
 
 GUIDE = Path(__file__).parents[3] / "docs" / "guides" / "known-robots.md"
 STATES_A_CLASS = 6
@@ -55,14 +55,6 @@ REFUSED_SIMPLIFIED = {
 """The same with ``[simplify]``."""
 
 
-@pytest.fixture(scope="module")
-def wheels() -> Path:
-    try:
-        return install_wheels()
-    except NoWheelsError as error:
-        pytest.skip(f"no wheels with public robots: {error}")
-
-
 def _is_simplified(robot: str) -> bool:
     return "[simplify]" in (Path(__file__).parent / f"{robot}.toml").read_text()
 
@@ -90,6 +82,12 @@ def test_a_robot_as_published_is_equal_or_refused(wheels: Path, robot: str) -> N
 @pytest.mark.parametrize("robot", list(filter(_is_simplified, ROBOTS)))
 def test_a_simplified_robot_is_equal_or_refused(wheels: Path, robot: str) -> None:
     _check(place(wheels, robot, simplified=True), REFUSED_SIMPLIFIED.get(robot))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["go1", "go2"])
+def test_a_robot_of_the_package_is_equal(robot: str) -> None:
+    _check(Path(load_robot(robot).path), None)
 
 
 def _check(toml: Path, reason: str | None) -> None:
