@@ -74,6 +74,7 @@ class Anatomy:
     """What terms refer to; `feet` has an entry for each damage class, which may move or shorten a limb."""
 
     start: list[float]
+    start_ctrl: list[float]
     actuators: list[Actuator]
     bodies: list[str]
     feet: list[list[Foot]]
@@ -83,9 +84,12 @@ def find_anatomy(table: ClassTable) -> Anatomy:
     """Find the parts of a robot in its compiled classes."""
     model = table.models[0]
     names = [limb.foot for limb in table.robot.limbs if limb.foot is not None]
+    start = default_pose(table.robot, model)
+    actuators = [_actuator(model, index) for index in range(model.nu)]
     return Anatomy(
-        start=default_pose(table.robot, model),
-        actuators=[_actuator(model, index) for index in range(model.nu)],
+        start=start,
+        start_ctrl=_default_ctrl(table.robot, model, start, actuators),
+        actuators=actuators,
         bodies=[model.body(index).name for index in range(model.nbody)],
         feet=[[_foot(model, name) for name in names] for model in table.models] if names else [],
     )
@@ -107,6 +111,17 @@ def default_pose(robot: Robot, model: mujoco.MjModel) -> list[float]:
         known = ", ".join(model.key(key).name for key in range(model.nkey)) or "none"
         raise ConfigError(f"robot {robot.name}: [reset] keyframe: the MJCF has no {name!r}; it has {known}")
     return list(map(float, model.key_qpos[index]))
+
+
+def _default_ctrl(
+    robot: Robot, model: mujoco.MjModel, start: Sequence[float], actuators: Sequence[Actuator]
+) -> list[float]:
+    """Return the controls of the keyframe, if it has any, or else the positions of the joints."""
+    name = robot.spec["reset"].get("keyframe")
+    ctrl = None if name is None else model.key(name).ctrl
+    if ctrl is not None and ctrl.any():
+        return list(map(float, ctrl))
+    return [0.0 if item.joint is None else start[item.joint.qpos] for item in actuators]
 
 
 def foot_faults(robot: Robot, model: mujoco.MjModel, limb_bodies: Sequence[Sequence[int]]) -> list[str]:

@@ -31,6 +31,8 @@ _CURVES = {
     "entropy": ("Entropy of the policy", "nats", False),
     "kl": ("KL divergence of an update", "nats", False),
 }
+_REWARD_TERM = "reward_"
+"""Beginning of the names of columns with terms of the reward."""
 _PAIRS = 4
 """Most comparisons of two learners that are drawn, class by class."""
 _PLACES = {"A": "on adjacent limbs", "O": "on opposite limbs", "S": "on limbs neither adjacent nor opposite"}
@@ -83,6 +85,8 @@ def _of_robot(
     ]
     drawn = [picture for picture in curves if picture is not None]
     pages = [Section(f"{robot}-training", f"{robot}: training", (), drawn)]
+    if terms := _reward_terms(robot, found):
+        pages.append(Section(f"{robot}-reward", f"{robot}: terms of the reward", (), terms))
     comparable = _comparable([learner for learner in found if learner.evaluated()])
     if not comparable:
         return pages
@@ -102,6 +106,20 @@ def _of_robot(
     if with_strips:
         pages.append(Section(f"{robot}-strips", f"{robot}: film strips", strips(comparable)))
     return pages
+
+
+def _reward_terms(robot: str, found: Sequence[Learner]) -> list[Picture]:
+    """Return a figure for each term of the rewards, in the order of their names."""
+    names = {column for learner in found for run in learner.runs for column in run.metrics}
+    columns = sorted(name for name in names if name.startswith(_REWARD_TERM))
+    pictures = (
+        training.curves(
+            *(robot, found, column, f"reward term {column.removeprefix(_REWARD_TERM)}", "per step, weighted"),
+            weighted=False,
+        )
+        for column in columns
+    )
+    return [picture for picture in pictures if picture is not None]
 
 
 def _comparable(found: Sequence[Learner]) -> list[Learner]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from dappo_batch._checks import folder
-from dappo_batch._core import ConfigError, robot_faults, robot_with_task
+from dappo_batch._core import ConfigError, robot_faults, robot_task, robot_with_task
 from dappo_batch.robots.faults import raise_faults
 
 __all__ = ["DEFAULT_ROBOT", "ROBOTS", "TASKS", "Limb", "Robot", "built_in_config", "load_robot"]
@@ -181,11 +181,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
 def _with_task(text: str, path: Path) -> str:
     """Return the text of a robot TOML with the entries of the task that its entry ``task`` names."""
-    try:
-        name = tomllib.loads(text).get("task")
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return text  # a fault, which is described below
-    if not isinstance(name, str):
+    name = robot_task(text)
+    if name is None:
         return text
     if name in TASKS:
         file = _TASKS / f"{name}.toml"

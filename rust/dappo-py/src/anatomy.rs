@@ -10,6 +10,7 @@ pub fn read(table: &Bound<'_, PyAny>) -> PyResult<Anatomy> {
     let feet = found.getattr("feet")?;
     Ok(Anatomy {
         start: found.getattr("start")?.extract()?,
+        start_ctrl: found.getattr("start_ctrl")?.extract()?,
         actuators: actuators.try_iter()?.map(|item| actuator(&item?)).collect::<PyResult<_>>()?,
         bodies: found.getattr("bodies")?.extract()?,
         feet: feet

@@ -25,8 +25,8 @@ use crate::warp::{self, Room, WarpBackend};
 pub struct BackendOptions<'a> {
     /// Name of the reward; the robot's default for `None`.
     pub reward: Option<&'a str>,
-    /// Whether observations contain what the value net alone is given.
-    pub privileged: bool,
+    /// Whether a policy is trained: observations contain what the value net alone is given, and the curriculum holds.
+    pub training: bool,
     /// Number of envs.
     pub num_envs: usize,
     /// Threads of the pool that it will compute in.
@@ -107,7 +107,7 @@ impl<'py> ClassTable<'py> {
         lanes: &Result<LaneTable, String>,
         options: BackendOptions<'_>,
     ) -> PyResult<Box<dyn Backend>> {
-        let task = Task::new(&self.robot, &self.layout, options.reward, options.privileged).or_raise()?;
+        let task = Task::new(&self.robot, &self.layout, options.reward, options.training).or_raise()?;
         let obs_dim = task.obs_dim() + self.space.code_length();
         of_envs(options.num_envs, &self.layout, obs_dim)
             .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))

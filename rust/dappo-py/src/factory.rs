@@ -110,17 +110,17 @@ impl TableFactory {
 }
 
 impl TableFactory {
-    /// A backend; where `privileged` is set, its observations contain what the value net alone is given.
+    /// A backend, for the envs of a training or for others.
     fn open(
         &self,
         num_envs: usize,
         reward: Option<&str>,
         physics: Physics,
-        privileged: bool,
+        training: bool,
     ) -> Result<Box<dyn Backend>, SimError> {
         let options = BackendOptions {
             reward,
-            privileged,
+            training,
             num_envs,
             threads: self.threads,
             physics,

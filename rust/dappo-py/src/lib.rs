@@ -38,6 +38,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<testing::exported_networks::PyExportedNetworks>()?;
     module.add_class::<testing::lane_worlds::PyLaneWorlds>()?;
     module.add_function(wrap_pyfunction!(robot::robot_faults, module)?)?;
+    module.add_function(wrap_pyfunction!(robot::robot_task, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_with_task, module)?)?;
     module.add_function(wrap_pyfunction!(class_table::lane_support, module)?)?;
     module.add_function(wrap_pyfunction!(testing::rollout::collect_rollout, module)?)?;

@@ -11,6 +11,12 @@ pub fn robot_faults(toml: &str) -> Vec<String> {
     Robot::faults(toml)
 }
 
+/// The task that the text of a robot TOML names; None if it names none, or cannot be read.
+#[pyfunction]
+pub fn robot_task(toml: &str) -> Option<String> {
+    Robot::task_name(toml)
+}
+
 /// The text of a robot TOML with the task `name` in the place of its own.
 #[pyfunction]
 pub fn robot_with_task(robot: &str, task: &str, name: &str) -> PyResult<String> {

@@ -168,7 +168,7 @@ impl PyVectorEnv {
         let threads = pool.num_threads();
         let options = BackendOptions {
             reward,
-            privileged: false,
+            training: false,
             num_envs,
             threads,
             physics,

@@ -14,7 +14,7 @@ use regex_lite::Regex;
 use serde::Deserialize;
 
 use crate::error::SimError;
-use crate::task::{Actions, Commands, Events, ObservationTerm, RewardTerm, Terminations};
+use crate::task::{Actions, Commands, Curriculum, Events, ObservationTerm, RewardTerm, Terminations};
 
 pub use tasks::with_task;
 
@@ -54,6 +54,9 @@ pub struct Robot {
     /// What an episode asks the robot to do.
     #[serde(default)]
     pub commands: Commands,
+    /// What becomes harder in training.
+    #[serde(default)]
+    pub curriculum: Curriculum,
     /// How controls follow from actions.
     pub actions: Actions,
     /// The initial state.
@@ -211,6 +214,15 @@ impl Robot {
             Ok(file) => faults::faults(&file),
             Err(error) => vec![format!("it is not valid TOML: {error}")],
         }
+    }
+
+    /// The task that a robot file names; `None` if it names none, or cannot be read.
+    #[must_use]
+    pub fn task_name(text: &str) -> Option<String> {
+        if text.len() > LARGEST_FILE || nesting::is_deeper_than(text, DEEPEST) {
+            return None;
+        }
+        text.parse::<toml::Table>().ok()?.get("task")?.as_str().map(ToOwned::to_owned)
     }
 
     /// The reward function of this name; the robot's default for `None`.

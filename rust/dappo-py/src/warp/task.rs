@@ -1,7 +1,7 @@
 //! What of a task the kernels of the backend `warp` compute.
 
 use dappo_sim::robot::Robot;
-use dappo_sim::task::{ActionKind, Commands, Events, Measure, ObservationTerm, Quantity, Scale};
+use dappo_sim::task::{ActionKind, Commands, Curriculum, Events, Measure, ObservationTerm, Quantity, Scale};
 use dappo_sim::SimError;
 
 /// Refuses a robot whose task has something that the kernels lack.
@@ -16,6 +16,7 @@ pub fn check(robot: &Robot) -> Result<(), SimError> {
     refuse(robot.actions.kind != ActionKind::Control, "[actions] type = \"joint_position\"");
     refuse(robot.commands != Commands::default(), "[commands]");
     refuse(robot.events != Events::default(), "[events]");
+    refuse(robot.curriculum != Curriculum::default(), "[curriculum]");
     refuse(robot.reset.keyframe.is_some(), "[reset] keyframe");
     refuse(robot.observation.critic.is_some(), "[observation.critic]");
     refuse(robot.terminations.height.is_none(), "an episode without [terminations] height");

@@ -11,7 +11,7 @@ use toml::{Table, Value};
 use super::entries::{Entries, number, shown};
 use super::simplify::{check_overrides, check_simplify};
 use super::task_faults::{
-    check_actions, check_commands, check_events, check_observation, check_reward_term, check_rewards,
+    check_actions, check_commands, check_curriculum, check_events, check_observation, check_reward_term, check_rewards,
     check_terminations,
 };
 
@@ -60,6 +60,7 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     let reward = if has("rewards") { None } else { top.table("reward") };
     let commands = top.optional_table("commands");
     let events = top.optional_table("events");
+    let curriculum = top.optional_table("curriculum");
     top.optional_text("task");
     let tasks = top.optional_table("tasks");
     let simplify = top.optional_table("simplify");
@@ -91,6 +92,9 @@ pub(super) fn faults(file: &Table) -> Vec<String> {
     }
     if let Some(commands) = commands {
         check_commands(commands, &mut found);
+    }
+    if let Some(curriculum) = curriculum {
+        check_curriculum(curriculum, &mut found);
     }
     if let Some(events) = events {
         check_events(events, &mut found);

@@ -178,6 +178,19 @@ pub(super) fn check_commands(commands: &Table, found: &mut Vec<String>) {
     entries.finish();
 }
 
+/// Checks the section `[curriculum]`.
+pub(super) fn check_curriculum(curriculum: &Table, found: &mut Vec<String>) {
+    let mut entries = Entries::new(curriculum, "[curriculum]".into(), found);
+    let commands = entries.optional_table("commands");
+    entries.finish();
+    if let Some(commands) = commands {
+        let mut entries = Entries::new(commands, "[curriculum.commands]".into(), found);
+        entries.number("start", 0.0..=1.0);
+        entries.whole("steps", 1..=1_000_000_000);
+        entries.finish();
+    }
+}
+
 /// Checks the section `[actions]`.
 pub(super) fn check_actions(actions: &Table, found: &mut Vec<String>) {
     let mut entries = Entries::new(actions, "[actions]".into(), found);

@@ -2,12 +2,14 @@
 
 use toml::{Table, Value};
 
+use super::nesting::is_deeper_than;
+use super::{DEEPEST, LARGEST_FILE};
 use crate::error::SimError;
 
 /// Entries of a robot file that describe the robot.
 const ROBOT: [&str; 8] = ["name", "mjcf", "main_body", "limbs", "damage", "simplify", "override", "pictures"];
 /// Entries of a task file.
-const TASK: [&str; 9] = [
+const TASK: [&str; 10] = [
     "frame_skip",
     "max_episode_steps",
     "commands",
@@ -17,12 +19,18 @@ const TASK: [&str; 9] = [
     "rewards",
     "terminations",
     "events",
+    "curriculum",
 ];
 
 /// The text of a robot file with a task in the place of its own: the robot's entries, and those of the task, among
 /// which those of the robot's table `[tasks.NAME]` take precedence.
 pub fn with_task(robot: &str, task: &str, name: &str) -> Result<String, SimError> {
     let parse = |text: &str, what: &str| {
+        if text.len() > LARGEST_FILE || is_deeper_than(text, DEEPEST) {
+            return Err(SimError::Config(format!(
+                "{what} has more than {LARGEST_FILE} bytes, or its tables and lists are nested more than {DEEPEST} deep"
+            )));
+        }
         text.parse::<Table>().map_err(|error| SimError::Config(format!("{what} is not valid TOML: {error}")))
     };
     let mut robot = parse(robot, "the robot file")?;

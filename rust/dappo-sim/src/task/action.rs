@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-use super::anatomy::Anatomy;
+use super::anatomy::{ActuatorParts, Anatomy};
 use crate::robot::pattern;
 
 /// The section `[actions]`.
@@ -22,7 +22,7 @@ pub struct Actions {
 pub enum ActionKind {
     /// ctrl = scale · clip(action, ±1).
     Control,
-    /// ctrl = default joint position + scale · clip(action, ±1), for actuators that are position servos.
+    /// ctrl = target of the default pose + scale · clip(action, ±1), for actuators that are position servos.
     JointPosition,
 }
 
@@ -51,18 +51,17 @@ impl Actions {
         }
         let names = || anatomy.actuators.iter().map(|actuator| actuator.name.as_str());
         let scales = self.scale.of_names(&names().collect::<Vec<_>>())?;
-        let action = |(actuator, scale): (&super::ActuatorParts, f64)| match (self.kind, &actuator.joint) {
-            (ActionKind::Control, _) => Ok(ActuatorAction { offset: 0.0, scale }),
-            (ActionKind::JointPosition, Some(joint)) if actuator.is_position => {
-                Ok(ActuatorAction { offset: anatomy.start[joint.qpos], scale })
-            }
-            (ActionKind::JointPosition, _) => Err(format!(
+        let action = |((actuator, offset), scale): ((&ActuatorParts, f64), f64)| match self.kind {
+            ActionKind::Control => Ok(ActuatorAction { offset: 0.0, scale }),
+            ActionKind::JointPosition if actuator.is_position => Ok(ActuatorAction { offset, scale }),
+            ActionKind::JointPosition => Err(format!(
                 "[actions]: `type` is \"joint_position\", but the actuator `{}` is not a position servo on a hinge; \
                  [[override]] with control = \"position\", kp and kd makes it one",
                 actuator.name
             )),
         };
-        anatomy.actuators.iter().zip(scales).map(action).collect()
+        let offsets = anatomy.start_ctrl.iter().copied();
+        anatomy.actuators.iter().zip(offsets).zip(scales).map(action).collect()
     }
 }
 

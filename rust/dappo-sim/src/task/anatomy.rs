@@ -5,6 +5,8 @@
 pub struct Anatomy {
     /// Positions with which an episode begins, `[nq]`: those of a keyframe, or of the MJCF.
     pub start: Vec<f64>,
+    /// Controls that hold this pose, `[nu]`: those of the keyframe, or the positions of the joints.
+    pub start_ctrl: Vec<f64>,
     /// Actuators in the order of the controls.
     pub actuators: Vec<ActuatorParts>,
     /// Names of the bodies, the world first.

@@ -28,6 +28,30 @@ pub struct VelocityCommand {
     pub resample_every: [f64; 2],
 }
 
+/// The section `[curriculum]`: what becomes harder while a policy is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+pub struct Curriculum {
+    /// Commands.
+    #[serde(default)]
+    pub commands: Option<Ramp>,
+}
+
+/// A share that grows linearly to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct Ramp {
+    /// The share at the start.
+    pub start: f64,
+    /// Steps of each env until it is 1.
+    pub steps: u64,
+}
+
+impl Ramp {
+    /// The share after so many steps of an env.
+    pub(super) fn at(self, step: f64) -> f64 {
+        (self.start + (1.0 - self.start) * step / self.steps as f64).min(1.0)
+    }
+}
+
 /// Numbers in a command: forward, to the left, rate of turn.
 pub(super) const COMMAND: usize = 3;
 

@@ -14,6 +14,8 @@ pub(super) struct Slots {
     pub episode: Range<usize>,
     /// Commanded velocity, and the step at which it is drawn again.
     pub command: Range<usize>,
+    /// Steps of the env in all episodes.
+    pub total: Range<usize>,
     /// Actions of the last two steps, the last one first, `[2, nu]`.
     pub actions: Range<usize>,
     /// Actions that wait, the oldest first, `[delay, nu]`.

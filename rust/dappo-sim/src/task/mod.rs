@@ -26,7 +26,7 @@ use crate::robot::{ObservationTerms, ResetNoise, Robot};
 
 pub use action::{ActionKind, Actions, Scale};
 pub use anatomy::{ActuatorParts, Anatomy, Foot, FootHinge, FootLink, JointParts};
-pub use command::{Commands, VelocityCommand};
+pub use command::{Commands, Curriculum, Ramp, VelocityCommand};
 pub use events::{Delay, Events, Offset, Push, Scaling, Tilt, Variation};
 pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
@@ -51,6 +51,8 @@ pub struct Task {
     starts_at_keyframe: bool,
     actions: Vec<ActuatorAction>,
     command: Option<VelocityCommand>,
+    /// How the ranges of the commands grow, in training.
+    ramp: Option<Ramp>,
     events: Events,
     drawn: Drawn,
     policy: ObservationGroup,
@@ -90,13 +92,13 @@ pub(crate) struct Scene<'a> {
 }
 
 impl Task {
-    /// The task of `robot` with the reward of this name (the robot's default for `None`). Where `privileged` is set,
-    /// what the critic is given besides follows the policy's observation.
+    /// The task of `robot` with the reward of this name (the robot's default for `None`). In training, what the critic is
+    /// given besides follows the policy's observation, and the curriculum holds.
     pub fn new(
         robot: &Robot,
         layout: &Layout,
         reward: Option<&str>,
-        privileged: bool,
+        training: bool,
     ) -> Result<Self, SimError> {
         let bad = |why: String| SimError::Config(format!("robot `{}`: {why}", robot.name));
         let rewards = robot.reward(reward)?.terms.clone();
@@ -107,7 +109,7 @@ impl Task {
         let drawn = events.layout(layout.nu, &mut slots);
         let group = |terms: &ObservationTerms| ObservationGroup::new(&terms.terms, layout, drawn.shown_len());
         let policy = group(&robot.observation.policy);
-        let critic = robot.observation.critic.as_ref().filter(|_| privileged).map(group);
+        let critic = robot.observation.critic.as_ref().filter(|_| training).map(group);
         let groups = || [&policy].into_iter().chain(&critic);
         let needs_feet = groups().any(ObservationGroup::needs_feet)
             || rewards.iter().any(|term| term.measure.needs_feet());
@@ -117,6 +119,7 @@ impl Task {
         let needs_actions = observes(|quantity| *quantity == Quantity::LastAction)
             || rewards.iter().any(|term| term.measure == Measure::ActionRateSquared);
         let command = robot.commands.velocity;
+        let ramp = robot.curriculum.commands.filter(|_| training && command.is_some());
         let needs_clock = command.is_some()
             || groups().any(ObservationGroup::is_noisy)
             || events.push.is_some()
@@ -124,6 +127,7 @@ impl Task {
         let room = |wanted: bool, length: usize| if wanted { length } else { 0 };
         slots.episode = slots.take(room(needs_clock, Clock::LENGTH));
         slots.command = slots.take(room(command.is_some(), COMMAND + 1));
+        slots.total = slots.take(room(ramp.is_some(), 1));
         slots.actions = slots.take(room(needs_actions, 2 * layout.nu));
         slots.waiting = slots.take(events.longest_delay() * layout.nu);
         let feet = layout.anatomy.feet.first().map_or(0, Vec::len);
@@ -134,6 +138,7 @@ impl Task {
             starts_at_keyframe: robot.reset.keyframe.is_some(),
             actions,
             command,
+            ramp,
             events,
             drawn,
             policy,
@@ -249,7 +254,9 @@ impl Task {
     /// # Shapes
     /// - `row`: `[memory_len]`
     pub fn begin(&self, row: &mut [f64], reset: &Reset) {
+        let total = row.get(self.slots.total.start).copied().unwrap_or_default();
         row.fill(0.0);
+        row[self.slots.total.clone()].fill(total);
         if !self.slots.episode.is_empty() {
             let clock = Clock { step: 0, key: reset.key, episode: reset.episode };
             clock.write(&mut row[self.slots.episode.clone()]);
@@ -349,6 +356,7 @@ impl Task {
         if !self.slots.episode.is_empty() {
             let clock = Clock::read(&row[self.slots.episode.clone()]);
             Clock { step: clock.step + 1, ..clock }.write(&mut row[self.slots.episode.clone()]);
+            row[self.slots.total.clone()].iter_mut().for_each(|total| *total += 1.0);
             self.draw_command(row);
         }
         Outcome { reward, terminated }
@@ -358,11 +366,12 @@ impl Task {
     fn draw_command(&self, row: &mut [f64]) {
         let Some(velocity) = self.command else { return };
         let clock = Clock::read(&row[self.slots.episode.clone()]);
-        let slot = &mut row[self.slots.command.clone()];
-        if clock.step < slot[COMMAND] as u64 {
+        if clock.step < row[self.slots.command.clone()][COMMAND] as u64 {
             return;
         }
-        let (command, duration) = velocity.draw(&mut clock.stream(Purpose::Command), 1.0);
+        let share = self.ramp.map_or(1.0, |ramp| ramp.at(row[self.slots.total.start]));
+        let slot = &mut row[self.slots.command.clone()];
+        let (command, duration) = velocity.draw(&mut clock.stream(Purpose::Command), share);
         slot[..COMMAND].copy_from_slice(&command);
         slot[COMMAND] = (clock.step + steps(duration, self.dt())) as f64;
     }

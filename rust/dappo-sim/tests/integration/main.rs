@@ -5,4 +5,5 @@
 mod cases;
 mod counter;
 mod properties;
+mod task;
 mod vector_env;
