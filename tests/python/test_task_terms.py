@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 import tomllib
 from typing import TYPE_CHECKING, Any
 
@@ -528,3 +529,75 @@ def test_a_saved_state_holds_all_that_a_task_remembers(make: Any, backend: str) 
         for first, second in zip(one, other, strict=True):
             np.testing.assert_array_equal(first, second)
     env.close()
+
+
+MY_TERMS = """
+import numpy as np
+
+def phase(batch):
+    return np.column_stack([batch.qpos[:, 2], batch.actions[:, 0] + batch.damage_class])
+
+def energy(batch):
+    return (batch.qvel ** 2).sum(axis=1) * batch.dt
+
+def low(batch):
+    return batch.qpos[:, 2] < 0.3
+
+def wrong(batch):
+    return np.zeros(len(batch.qpos) + 1)
+
+def broken(batch):
+    raise KeyError("no such joint")
+"""
+PYTHON = """
+[observation.policy]
+terms = [{ term = "base_height" }, { term = "python", function = "my_terms:phase", size = 2 }, { term = "command" }]
+[rewards]
+survive = { weight = 1.0 }
+energy = { term = "python", function = "my_terms:energy", weight = -0.5 }
+[terminations.python]
+functions = ["my_terms:low"]
+"""
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_terms_may_be_python_functions_over_all_envs(
+    make: Any, backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch  # noqa: ANN401
+) -> None:
+    (tmp_path / "my_terms.py").write_text(MY_TERMS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_terms", raising=False)
+    env = make(PYTHON, backend, autoreset="same_step")
+    obs, _ = env.reset(options={"damage_class": 1})
+    np.testing.assert_allclose(obs[:, 1], obs[:, 0], rtol=1e-6)
+    np.testing.assert_array_equal(obs[:, 2], np.ones(ENVS))  # no action yet, and damage class 1
+    rng, failures = np.random.default_rng(6), 0
+    for _ in range(120):
+        action = rng.uniform(-2, 2, (ENVS, 4)).astype(np.float32)
+        obs, rewards, terminated, _, infos = env.step(action)
+        qpos, qvel = env.get_state()
+        for index in range(ENVS):
+            if terminated[index]:
+                failures += 1
+                last = infos["final_obs"][index]
+                assert last[1] < 0.3 and last[0] == pytest.approx(last[1])
+                assert obs[index, 1] == pytest.approx(qpos[index, 2], rel=1e-6)  # that of the next episode
+                continue
+            assert qpos[index, 2] >= 0.3
+            np.testing.assert_allclose(obs[index, 1:3], [qpos[index, 2], action[index, 0] + infos["damage_class"][index]], rtol=1e-5)
+            energy = -0.5 * DT * np.sum(qvel[index] ** 2)
+            assert env.reward_terms[index] == pytest.approx([energy, 1.0])
+            assert rewards[index] == pytest.approx(1.0 + energy)
+    assert failures > 0
+    env.close()
+    for old, new, error in (
+        ("my_terms:energy", "my_terms:wrong", r"the term my_terms:wrong returned shape \(4,\)"),
+        ("my_terms:energy", "my_terms:broken", "a term of the task raised KeyError.*no such joint"),
+        ("my_terms:energy", "my_terms:missing", "has no function 'missing'"),
+        ("my_terms:energy", "no_module:energy", "cannot import the module 'no_module'"),
+        ("my_terms:energy", "my_terms", '`function` is "my_terms", expected "module:function"'),
+    ):
+        with pytest.raises(db.ConfigError, match=f"(?s){error}"):
+            other = make(PYTHON.replace(old, new), backend)
+            other.reset()
+            other.step(np.zeros((ENVS, 4)))

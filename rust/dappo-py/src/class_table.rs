@@ -18,6 +18,7 @@ use crate::anatomy;
 use crate::damage::PyDamageSpace;
 use crate::errors::OrRaise;
 use crate::model_reader::PyModel;
+use crate::python_terms::PythonTerms;
 use crate::warp::{self, Room, WarpBackend};
 
 /// What of a backend is not the robot's.
@@ -113,7 +114,7 @@ impl<'py> ClassTable<'py> {
             .require(&format!("{} envs of the robot `{}`", options.num_envs, self.robot.name))
             .or_raise()?;
         let num_envs = options.num_envs;
-        match options.physics {
+        let backend = match options.physics {
             Physics::Lanes(precision) => {
                 let refuse = |why: &String| {
                     SimError::Config(format!("the robot was not compiled for the backend `lanes`: {why}"))
@@ -131,7 +132,8 @@ impl<'py> ClassTable<'py> {
                 self.mujoco_backend(task, num_envs, threads)
             }
             Physics::Warp(device) => self.warp_backend(task, device, options),
-        }
+        }?;
+        PythonTerms::around(backend)
     }
 
     fn warp_backend(

@@ -15,6 +15,7 @@ mod keywords;
 mod kinds;
 mod model_reader;
 mod policy;
+mod python_terms;
 mod pool;
 mod robot;
 mod run_robot;

@@ -1,6 +1,6 @@
 //! The backend `warp`: MuJoCo's equations on a GPU, in kernels that Python launches (`kernels/`).
 
-mod arrays;
+pub mod arrays;
 mod backend;
 mod engine;
 mod task;

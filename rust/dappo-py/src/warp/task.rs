@@ -22,6 +22,7 @@ pub fn check(robot: &Robot) -> Result<(), SimError> {
     refuse(robot.terminations.height.is_none(), "an episode without [terminations] height");
     refuse(robot.terminations.tilt.is_some(), "[terminations.tilt]");
     refuse(robot.terminations.contact.is_some(), "[terminations.contact]");
+    refuse(robot.terminations.python.is_some(), "[terminations.python]");
     for (index, term) in robot.observation.policy.terms.iter().enumerate() {
         refuse(!is_known(term), &format!("term {index} of the observation"));
     }

@@ -15,11 +15,15 @@ const MOST_STEPS: i64 = 1000;
 enum Parameter {
     Positive(&'static str),
     OptionalWhole(&'static str),
+    /// A whole number above 0.
+    Size(&'static str),
+    /// `module:function`.
+    Function(&'static str),
 }
-use Parameter::{OptionalWhole, Positive};
+use Parameter::{Function, OptionalWhole, Positive, Size};
 
 /// Terms of an observation, and their parameters.
-const OBSERVATIONS: [(&str, &[Parameter]); 18] = [
+const OBSERVATIONS: [(&str, &[Parameter]); 19] = [
     ("qpos", &[OptionalWhole("skip")]),
     ("qvel", &[]),
     ("cfrc_ext", &[]),
@@ -38,10 +42,11 @@ const OBSERVATIONS: [(&str, &[Parameter]); 18] = [
     ("foot_height", &[]),
     ("foot_air_time", &[]),
     ("events", &[]),
+    ("python", &[Function("function"), Size("size")]),
 ];
 
 /// Terms of a reward, and their parameters.
-const REWARDS: [(&str, &[Parameter]); 25] = [
+const REWARDS: [(&str, &[Parameter]); 26] = [
     ("forward_velocity", &[]),
     ("survive", &[]),
     ("termination", &[]),
@@ -67,6 +72,7 @@ const REWARDS: [(&str, &[Parameter]); 25] = [
     ("feet_slip", &[]),
     ("feet_clearance", &[Positive("target")]),
     ("landing", &[]),
+    ("python", &[Function("function")]),
 ];
 
 fn check_parameters(entries: &mut Entries, parameters: &[Parameter]) {
@@ -78,7 +84,30 @@ fn check_parameters(entries: &mut Entries, parameters: &[Parameter]) {
             OptionalWhole(key) => {
                 entries.optional_whole(key, 0..=1_000_000);
             }
+            Size(key) => {
+                entries.whole(key, 1..=1_000_000);
+            }
+            Function(key) => {
+                if let Some(name) = entries.text(key) {
+                    check_function(entries, key, name);
+                }
+            }
         }
+    }
+}
+
+/// Checks the name of a Python function.
+fn check_function(entries: &mut Entries, key: &str, name: &str) {
+    let is_name = |name: &str| {
+        let is_part = |part: &str| {
+            !part.starts_with(|first: char| first.is_ascii_digit())
+                && !part.is_empty()
+                && part.chars().all(|letter| letter.is_alphanumeric() || letter == '_')
+        };
+        name.split('.').all(is_part)
+    };
+    if !name.split_once(':').is_some_and(|(module, function)| is_name(module) && is_name(function)) {
+        entries.fault(&format!("`{key}` is {name:?}, expected \"module:function\""));
     }
 }
 
@@ -119,6 +148,10 @@ fn check_group(group: &Table, place: &str, has_touch: bool, found: &mut Vec<Stri
         }
         let Some(parameters) = parameters(&mut entries, name, &OBSERVATIONS) else { continue };
         check_parameters(&mut entries, parameters);
+        if name == "python" {
+            entries.finish();
+            continue;
+        }
         if name == "cfrc_ext" {
             entries.positive("clip", LARGEST);
         } else {
@@ -220,7 +253,15 @@ pub(super) fn check_terminations(terminations: &Table, found: &mut Vec<String>) 
         super::faults::check_height(&mut entries);
     }
     let (tilt, contact) = (entries.optional_table("tilt"), entries.optional_table("contact"));
+    let python = entries.optional_table("python");
     entries.finish();
+    if let Some(python) = python {
+        let mut entries = Entries::new(python, "[terminations.python]".into(), found);
+        for name in entries.texts("functions", 1) {
+            check_function(&mut entries, "functions", name);
+        }
+        entries.finish();
+    }
     if let Some(tilt) = tilt {
         let mut entries = Entries::new(tilt, "[terminations.tilt]".into(), found);
         entries.positive("angle", std::f64::consts::PI);

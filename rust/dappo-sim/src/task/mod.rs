@@ -31,7 +31,7 @@ pub use events::{Delay, Events, Offset, Push, Scaling, Tilt, Variation};
 pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
 pub use signals::Signals;
-pub use termination::{ContactLimit, Terminations, TiltLimit};
+pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 
 use action::ActuatorAction;
 use anatomy::{apply_inverse, root_rotation};
@@ -60,6 +60,7 @@ pub struct Task {
     critic: Option<ObservationGroup>,
     rewards: Vec<RewardTerm>,
     limits: Limits,
+    python_failures: Vec<String>,
     /// Whether a term follows from the motion of the feet.
     needs_feet: bool,
     slots: Slots,
@@ -145,6 +146,7 @@ impl Task {
             critic,
             rewards,
             limits,
+            python_failures: robot.terminations.python.iter().flat_map(|python| python.functions.clone()).collect(),
             needs_feet,
             slots,
             layout: layout.clone(),
@@ -198,6 +200,30 @@ impl Task {
     #[must_use]
     pub fn tracking(&self) -> Option<(usize, f64)> {
         tracking(&self.rewards).map(|(index, term)| (index, term.weight))
+    }
+
+    /// Terms of the observation that Python functions compute: the function, and which entries it writes.
+    pub fn python_observations(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
+        let critic = self.critic.iter().flat_map(ObservationGroup::blocks);
+        let critic = critic.map(|(term, block)| (term, block.start + self.policy.len()..block.end + self.policy.len()));
+        self.policy.blocks().chain(critic).filter_map(|(term, block)| match &term.quantity {
+            Quantity::Python { function, .. } => Some((function.as_str(), block)),
+            _ => None,
+        })
+    }
+
+    /// Terms of the reward that Python functions compute: the function, the index of the term, and its weight.
+    pub fn python_rewards(&self) -> impl Iterator<Item = (&str, usize, f64)> {
+        self.rewards.iter().enumerate().filter_map(|(index, term)| match &term.measure {
+            Measure::Python { function } => Some((function.as_str(), index, term.weight)),
+            _ => None,
+        })
+    }
+
+    /// Python functions that return failures.
+    #[must_use]
+    pub fn python_failures(&self) -> &[String] {
+        &self.python_failures
     }
 
     /// Numbers in the command of an env; 0 for a task without commands.

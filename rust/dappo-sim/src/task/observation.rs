@@ -80,6 +80,13 @@ pub enum Quantity {
     FootAirTime,
     /// What the events have drawn for this episode: factors, direction of gravity, encoder errors and delay.
     Events,
+    /// What a Python function returns, which whoever runs Python writes.
+    Python {
+        /// `module:function`.
+        function: String,
+        /// Number of entries.
+        size: usize,
+    },
 }
 
 fn one() -> f64 {
@@ -195,6 +202,7 @@ impl Quantity {
             Self::FootContact | Self::FootHeight | Self::FootAirTime => feet,
             Self::FootVel => 3 * feet,
             Self::Events => events,
+            Self::Python { size, .. } => *size,
         }
     }
 
@@ -254,6 +262,7 @@ impl Quantity {
             Self::FootHeight => each_foot(scene, out, |foot| foot.height()),
             Self::FootAirTime => each_foot(scene, out, |foot| foot.air_time()),
             Self::Events => put(out, scene.events()),
+            Self::Python { .. } => out.fill(0.0),
         }
     }
 }

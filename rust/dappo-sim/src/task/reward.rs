@@ -103,6 +103,11 @@ pub enum Measure {
     },
     /// Σ contact force of the feet that land in this step, N.
     Landing,
+    /// What a Python function returns, which whoever runs Python adds.
+    Python {
+        /// `module:function`.
+        function: String,
+    },
 }
 
 /// Commands up to here, m/s and rad/s, are to stand still.
@@ -196,6 +201,7 @@ impl Measure {
             Self::FeetClearance { target } => {
                 scene.feet().map(|foot| (foot.height() - target).abs() * foot.speed()).sum()
             }
+            Self::Python { .. } => 0.0,
             Self::Landing => feet(|foot| if foot.landed_after() > 0.0 { foot.force() } else { 0.0 }),
         }
     }

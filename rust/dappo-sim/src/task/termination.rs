@@ -18,6 +18,16 @@ pub struct Terminations {
     /// Bodies that must not touch anything.
     #[serde(default)]
     pub contact: Option<ContactLimit>,
+    /// Python functions that return failures.
+    #[serde(default)]
+    pub python: Option<PythonFailures>,
+}
+
+/// The table `[terminations.python]`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct PythonFailures {
+    /// `module:function`.
+    pub functions: Vec<String>,
 }
 
 /// The table `[terminations.tilt]`.
