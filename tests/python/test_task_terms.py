@@ -601,3 +601,30 @@ def test_terms_may_be_python_functions_over_all_envs(
             other = make(PYTHON.replace(old, new), backend)
             other.reset()
             other.step(np.zeros((ENVS, 4)))
+
+
+def test_a_training_with_a_task_resumes_exactly(make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ANN401
+    (tmp_path / "my_terms.py").write_text(MY_TERMS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_terms", raising=False)
+    critic = '[observation.critic]\nterms = [{ term = "base_lin_vel", noise = 0.1, history = 2 }, { term = "events" }]\n'
+    curriculum = "[curriculum.commands]\nstart = 0.2\nsteps = 60\n"
+    task = PYTHON.replace("[rewards]\n", critic + REWARDS).replace("survive = { weight = 1.0 }\n", "", 1)
+    make(task + EVENTS + curriculum, "lanes").close()
+    settings: dict[str, Any] = {
+        "robot": str(tmp_path / "walker.toml"),
+        "num_envs": 8,
+        "seed": 3,
+        "set": {"horizon": 16, "ppo.hidden": [8], "checkpoint.every": 1, "evaluation.episodes": 1},
+    }
+    whole = db.train(tmp_path / "whole", total_steps=6 * 128, **settings)
+    part = db.train(tmp_path / "part", total_steps=3 * 128, **settings)
+    resumed = db.resume(part.path, total_steps=6 * 128)
+    times = {"unix_seconds", "rollout_seconds", "update_seconds"}
+    for column, values in whole.metrics.items():
+        if column not in times:
+            np.testing.assert_array_equal(resumed.metrics[column], values, err_msg=column)
+    assert {"reward_energy", "reward_track_lin_vel"} <= whole.metrics.keys()
+    policy = db.Policy.load(whole.path)
+    # The policy sees 1 + 2 + 3 entries and a damage code of 2; what the critic is given besides is not among them.
+    assert policy.obs_dim == 6 and whole.metrics["env_steps"][-1] == 768

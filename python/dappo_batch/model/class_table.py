@@ -19,6 +19,7 @@ from dappo_batch.model.robot_spec import read_robot_spec
 from dappo_batch.model.simplify import INTEGRATORS
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import raise_faults
+from dappo_batch.terms import import_module
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -253,6 +254,8 @@ def _damage_types(
         raise ConfigError(
             f"damage_options has {', '.join(sorted(unused))}, but the damage types are {', '.join(names)}"
         )
+    for module in robot.damage_modules:
+        import_module(module)
     kinds, faults = {}, []
     for name in names:
         try:

@@ -114,6 +114,11 @@ class Robot:
         """Maximum number of damaged limbs."""
         return int(self.spec["damage"]["max_damaged_limbs"])
 
+    @property
+    def damage_modules(self) -> tuple[str, ...]:
+        """Modules of the user that register damage types."""
+        return tuple(self.spec["damage"].get("modules", ()))
+
     def damage_options(self, damage_type: str) -> dict[str, Any]:
         """Return the parameters of a damage type, a copy of the table ``[damage.<damage_type>]``."""
         return dict(self.spec["damage"].get(damage_type, {}))

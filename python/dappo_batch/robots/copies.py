@@ -29,6 +29,7 @@ from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import raise_faults
 from dappo_batch.robots.flatten import flatten, lines, needed_files
 from dappo_batch.robots.mjcf import MOST_ASSET_BYTES, mjcf_faults, read_mjcf
+from dappo_batch.terms import import_module
 
 __all__ = ["COPY_TOML", "RobotCopy", "check_confined", "damage_settings", "explain"]
 
@@ -232,6 +233,8 @@ def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
     section : mapping
         The section ``[damage]`` of a configuration; the default of a missing entry is that of the robot TOML.
     """
+    for module in (*robot.damage_modules, *section.get("modules", ())):
+        import_module(module)
     types = list(section.get("types") or robot.damage_types)
     options = section.get("options", {})
     limit = section.get("max_damaged_limbs")

@@ -37,6 +37,9 @@ pub struct TableFactory {
 impl TableFactory {
     /// Compiles the robot of a configuration with all its damage classes.
     pub fn compile(py: Python<'_>, config: &Config) -> PyResult<Self> {
+        for module in &config.damage.modules {
+            py.import("dappo_batch.terms")?.call_method1("import_module", (module,))?;
+        }
         let options = PyDict::new(py);
         options.set_item("types", config.damage.types.clone())?;
         options.set_item("max_damaged_limbs", config.damage.max_damaged_limbs)?;

@@ -124,6 +124,9 @@ pub struct DamageSection {
     /// Damage types; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub types: Option<Vec<String>>,
+    /// Python modules that register damage types of a user, besides those of the robot.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub modules: Vec<String>,
     /// Largest number of damaged limbs; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_damaged_limbs: Option<usize>,
@@ -140,6 +143,7 @@ impl Default for DamageSection {
     fn default() -> Self {
         Self {
             types: None,
+            modules: Vec::new(),
             max_damaged_limbs: None,
             severity: 1.0,
             onset: Onset::default(),
