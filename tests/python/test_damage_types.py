@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -69,9 +69,9 @@ def test_a_jammed_joint_keeps_a_tenth_of_a_degree_to_both_sides(name: str | Path
 
 def test_the_severity_moves_both_ends_of_the_range_linearly() -> None:
     robot = load_robot("ant")
-    model = damaged(robot, JammedJoint(joint=1, range_deg=2.0), 0, severity=0.25)
-    # ankle_1 goes from 30..70 towards -2..2 degrees
-    assert np.rad2deg(model.joint("ankle_1").range) == pytest.approx([22.0, 53.0])
+    model = damaged(robot, JammedJoint(joint=1, range_deg=2.0, at=50), 0, severity=0.25)
+    # ankle_1 goes from 30..70 towards 48..52 degrees
+    assert np.rad2deg(model.joint("ankle_1").range) == pytest.approx([34.5, 65.5])
 
 
 def test_a_jammed_hip_of_the_ant_leaks_only_a_little_under_full_torque() -> None:
@@ -213,9 +213,13 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
     ("name", "options", "message"),
     [
         ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_toe, weak_motor"),
-        ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg"),
+        ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg, at"),
         ("jammed_joint", {"joint": 0.5}, "joint must be of type int"),
         ("jammed_joint", {"joint": True}, "joint must be of type int"),
+        ("jammed_joint", {"joint": "(calf"}, "not a regular expression"),
+        ("jammed_joint", {"at": "home"}, '"zero", "default" or an angle in degrees, got \'home\''),
+        ("jammed_joint", {"at": math.inf}, "an angle in degrees, got inf"),
+        ("jammed_joint", {"at": [1.0]}, "at must be of type str | float"),
         ("jammed_joint", {"joint": -1}, "counts from 0"),
         ("jammed_joint", {"range_deg": 0.0}, "above 0"),
         ("jammed_joint", {"range_deg": math.nan}, "above 0"),
@@ -237,6 +241,14 @@ def test_a_wrong_damage_type_or_parameter_is_rejected(
     ("damage", "message"),
     [
         (JammedJoint(joint=2), "has 2 joints"),
+        (JammedJoint(joint="knee"), "'knee' matches no joint and must match one of hip_1, ankle_1"),
+        (JammedJoint(joint="_1"), "'_1' matches 2 joints, hip_1, ankle_1"),
+        (
+            JammedJoint(joint="ankle"),
+            r'ankle_1 would jam at 0° \(at = "zero"\), outside of its range of 30° to 70°; use at = "def',
+        ),
+        (JammedJoint(joint="ankle", at="default"), r"range of 30° to 70°; use \[reset\] keyframe"),
+        (JammedJoint(joint=1, at=71), r"would jam at 71° \(at = 71\).*; use an angle within the range"),
         (MissingToe(half_length=0.3), "below the 0.282843 m"),
     ],
 )
@@ -249,7 +261,6 @@ def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, messa
     ("body", "damage", "message"),
     [
         ('<joint name="j"/><geom name="toe" type="box" size="1 1 1"/>', MissingToe(0.01), "not a capsule"),
-        ('<joint name="j"/><geom name="toe" type="capsule" size="1 1"/>', JammedJoint(), "no limits"),
         (
             '<joint name="j" type="slide" range="0 1"/><geom name="toe" size="1"/>',
             JammedJoint(),
@@ -421,6 +432,64 @@ def test_a_jammed_joint_stays_in_the_pose_of_the_mjcf() -> None:
     model = spec.compile()
     assert model.joint("knee").range == pytest.approx([0.5 - math.radians(1), 0.5 + math.radians(1)])
     assert model.joint("knee").qpos0 == pytest.approx(0.5)
+
+
+# qpos: the free joint, hip, knee, elbow.
+HOME = '<keyframe><key name="home" qpos="0 0 1 1 0 0 0 0.1 -0.75 0.3"/><key name="flat"/></keyframe>'
+
+
+@pytest.mark.parametrize("unit", ["radian", "degree"])
+def test_a_joint_jams_in_the_default_pose_of_the_robot(unit: str) -> None:
+    text = LIMB.format(end="", extra=HOME, joint="").replace("radian", unit)
+    spec = mujoco.MjSpec.from_string(
+        text.replace('range="-1 1"', 'range="-57 57"') if unit == "degree" else text
+    )
+    JammedJoint(joint=1, range_deg=1.0, at="default").apply(spec, replace(ONE, keyframe="home"), 1.0)
+    model = spec.compile()
+    assert model.joint("knee").range == pytest.approx([-0.75 - math.radians(1), -0.75 + math.radians(1)])
+
+
+def test_without_positions_of_its_own_the_default_pose_is_the_reference_pose() -> None:
+    for keyframe in (None, "flat"):
+        spec = limb(extra=HOME, joint='ref="0.5"')
+        JammedJoint(joint=1, range_deg=1.0, at="default").apply(spec, replace(ONE, keyframe=keyframe), 1.0)
+        middle = spec.compile().joint("knee").range.mean()
+        assert middle == pytest.approx(0.5)
+
+
+def test_a_keyframe_that_does_not_exist_is_rejected() -> None:
+    with pytest.raises(ConfigError, match=r"no keyframe 'stand'.*expected one of 'home', 'flat'"):
+        JammedJoint(at="default").apply(limb(extra=HOME), replace(ONE, keyframe="stand"), 1.0)
+
+
+def test_the_default_pose_is_the_keyframe_of_the_robot_toml() -> None:
+    robot = load_robot("ant")
+    spec = {**robot.spec, "reset": {**robot.spec["reset"], "keyframe": "home"}}
+    assert {limb.keyframe for limb in replace(robot, spec=spec).limbs} == {"home"}
+    assert {limb.keyframe for limb in robot.limbs} == {None}
+
+
+def test_a_joint_is_selected_by_an_expression_in_its_name() -> None:
+    robot = load_robot("hexapod")
+    for number, limb_ in enumerate(robot.limbs):
+        by_name = damaged(robot, JammedJoint(joint="femur"), number)
+        by_index = damaged(robot, JammedJoint(joint=1), number)
+        assert "femur" in limb_.joints[1]
+        assert numeric_differences(by_name, by_index) == set()
+
+
+def test_a_hinge_without_limits_receives_some() -> None:
+    text = LIMB.format(end="", extra="<contact/>", joint="").replace(
+        'axis="0 1 0" range="-1 1"', 'axis="0 1 0"'
+    )
+    sound, spec = mujoco.MjModel.from_xml_string(text), mujoco.MjSpec.from_string(text)
+    JammedJoint(joint=1, range_deg=2.0, at=30).apply(spec, ONE, 0.75)
+    model = spec.compile()
+    assert not sound.joint("knee").limited
+    assert model.joint("knee").limited
+    # A quarter of ±180°, and three quarters of ±2°, around 30°.
+    assert np.rad2deg(model.joint("knee").range) == pytest.approx([30 - 46.5, 30 + 46.5])
+    assert numeric_differences(sound, model) == {"jnt_range", "jnt_limited"}
 
 
 TENDON = """<tendon><fixed name="cord">

@@ -22,6 +22,7 @@ __all__ = [
     "JammedJoint",
     "MissingToe",
     "WeakMotor",
+    "default_options",
     "make_damage_type",
     "register_damage_type",
 ]
@@ -34,6 +35,8 @@ _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "float": (int, float),
     "bool": (bool,),
     "str": (str,),
+    "int | str": (int, str),
+    "str | float": (str, int, float),
 }
 
 
@@ -95,6 +98,12 @@ def register_damage_type(kind: _Kind) -> _Kind:
         )
     DAMAGE_TYPES[name] = kind
     return kind
+
+
+def default_options(name: str) -> dict[str, Any]:
+    """Return the parameters of a damage type that have a default; those of an unknown type are empty."""
+    known = fields(cast("Any", DAMAGE_TYPES[name])) if name in DAMAGE_TYPES else ()
+    return {field.name: field.default for field in known if field.default is not MISSING}
 
 
 def make_damage_type(name: str, options: Mapping[str, Any]) -> DamageType:

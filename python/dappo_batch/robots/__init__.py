@@ -50,6 +50,8 @@ class Limb:
         Touch sensor of the limb.
     touch_site : str or None
         Site of the touch sensor; it is shortened together with the toe.
+    keyframe : str or None
+        Keyframe of the MJCF with the default pose of the robot, ``[reset] keyframe`` of the robot TOML.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Limb:
     toe_geom: str | None = None
     touch: str | None = None
     touch_site: str | None = None
+    keyframe: str | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,8 @@ class Robot:
     @cached_property
     def limbs(self) -> tuple[Limb, ...]:
         """Limbs in ring order."""
-        return tuple(map(_limb, self.spec["limbs"]))
+        keyframe = self.spec["reset"].get("keyframe")
+        return tuple(_limb(entry, keyframe) for entry in self.spec["limbs"])
 
     @property
     def damage_types(self) -> tuple[str, ...]:
@@ -184,5 +188,5 @@ def _read(path: Path) -> str:
         raise ConfigError(f"cannot read the robot TOML {path}: {error}") from error
 
 
-def _limb(entry: dict[str, Any]) -> Limb:
-    return Limb(**{**entry, "joints": tuple(entry["joints"])})
+def _limb(entry: dict[str, Any], keyframe: str | None) -> Limb:
+    return Limb(**{**entry, "joints": tuple(entry["joints"])}, keyframe=keyframe)
