@@ -16,6 +16,7 @@ from dappo_batch._core import ConfigError
 from dappo_batch.damage import (
     DAMAGE_TYPES,
     DamageType,
+    DeadMotor,
     JammedJoint,
     MissingToe,
     WeakMotor,
@@ -206,6 +207,7 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
         "jammed_joint": False,
         "missing_toe": True,
         "weak_motor": False,
+        "dead_motor": False,
     }
 
 
@@ -227,6 +229,8 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
         ("missing_toe", {"half_length": "short"}, "half_length must be of type float"),
         ("missing_toe", {"half_length": -1}, "above 0"),
         ("weak_motor", {"strength": 1.0}, "below 1"),
+        ("weak_motor", {"joint": -2}, "counts from 0"),
+        ("dead_motor", {"joint": 1.5}, r"joint must be of type int \| str \| None"),
         ("weak_motor", {"strength": math.nan}, "below 1"),
     ],
 )
@@ -499,6 +503,7 @@ MOTORS = {
     "joint": '<actuator><motor joint="knee" gear="3"/></actuator>',
     "joint in the frame of its parent": '<actuator><motor jointinparent="knee" gear="3"/></actuator>',
     "fixed tendon": f'{TENDON}<actuator><position tendon="cord" kp="7" kv="1"/></actuator>',
+    "servo with a damping ratio": '<actuator><position joint="knee" kp="7" dampratio="0.8"/></actuator>',
     "spatial tendon to the torso": f'{ROPE}<actuator><motor tendon="rope" gear="9"/></actuator>',
     "site": '<actuator><motor site="ankle" gear="1 2 3 0 0 0"/></actuator>',
     "site seen from the torso": (
@@ -529,11 +534,65 @@ def test_a_weak_motor_gives_its_share_by_whatever_it_moves_the_limb(kind: str, j
         assert forces[1] == pytest.approx(0.25 * forces[0], rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("type_", [WeakMotor(strength=0.25, joint="knee"), WeakMotor(0.25, joint=1)])
+def test_the_motor_of_one_joint_weakens_alone(type_: WeakMotor) -> None:
+    cord = '<tendon><fixed name="cord"><joint joint="knee" coef="2"/></fixed></tendon>'
+    motors = (
+        f'{cord}<actuator><motor joint="hip" gear="2"/><motor joint="knee" gear="3"/>'
+        '<position joint="elbow" kp="5"/><position tendon="cord" kp="7" forcerange="-2 2"/></actuator>'
+    )
+    spec = limb(extra=motors)
+    type_.apply(spec, ONE, 1.0)
+    forces = []
+    for model in (limb(extra=motors).compile(), spec.compile()):
+        data = mujoco.MjData(model)
+        data.ctrl[:], data.qpos[7:] = [0.7, -0.4, 0.3, 0.2], [0.1, -0.2, 0.3]
+        mujoco.mj_forward(model, data)
+        forces.append(data.actuator_force.copy())
+    assert forces[1] == pytest.approx(forces[0] * [1, 0.25, 1, 0.25], rel=1e-12)
+    assert forces[0][3] == 2  # at its limit
+
+
+def test_a_joint_without_a_motor_of_its_own_cannot_weaken_alone() -> None:
+    pair = f'{TENDON}<actuator><motor name="pull" tendon="cord"/></actuator>'
+    with pytest.raises(ConfigError, match="pull moves joint knee together with hip; leave out"):
+        WeakMotor(joint="knee").apply(limb(extra=pair), ONE, 1.0)
+    with pytest.raises(ConfigError, match="limb one: joint knee has no actuator"):
+        DeadMotor(joint=1).apply(limb(extra='<actuator><motor joint="hip"/></actuator>'), ONE, 1.0)
+
+
+def test_a_limb_with_dead_motors_moves_like_one_without_motors() -> None:
+    motors = """<actuator><position joint="hip" kp="20" kv="1" forcerange="-9 9"/>
+      <motor joint="knee" gear="3"/><position joint="elbow" kp="5"/></actuator>"""
+    joint = 'damping="0.2" frictionloss="0.1" stiffness="0.5" armature="0.01"'
+    spec = limb(extra=motors, joint=joint)
+    DeadMotor().apply(spec, ONE, 1.0)
+    without = '<actuator><position joint="elbow" kp="5"/></actuator>'
+    models = (spec.compile(), limb(extra=without, joint=joint).compile())
+    ends = []
+    for model, ctrl in zip(models, ([0.5, -0.9, 0.3], [0.3]), strict=True):
+        data = mujoco.MjData(model)
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, nstep=200)
+        ends.append(data.qpos.copy())
+    assert ends[0] == pytest.approx(ends[1], rel=1e-12, abs=1e-12)
+
+
+def test_a_motor_that_is_half_dead_is_a_weak_one() -> None:
+    robot = load_robot("hexapod")
+    dead, weak = (damaged(robot, type_, 2, 0.5) for type_ in (DeadMotor("tibia"), WeakMotor(0.0, "tibia")))
+    assert numeric_differences(dead, weak) == set()
+    half = damaged(robot, WeakMotor(0.5, 2), 2)
+    assert numeric_differences(dead, half) == set()
+    changed = np.flatnonzero(np.any(dead.actuator_gainprm != healthy(robot).actuator_gainprm, axis=1))
+    assert [dead.actuator(int(index)).name for index in changed] == [robot.limbs[2].joints[2]]
+
+
 def test_a_dead_motor_gives_nothing_whatever_its_limits() -> None:
     motor = '<motor joint="knee" gear="5" forcelimited="true" forcerange="-3 3"/>'
     limited = 'actuatorfrclimited="true" actuatorfrcrange="-2 2"'
     spec = limb(extra=f"<actuator>{motor}</actuator>", joint=limited)
-    WeakMotor(strength=0.0).apply(spec, ONE, 1.0)
+    DeadMotor().apply(spec, ONE, 1.0)
     model = spec.compile()
     data = mujoco.MjData(model)
     data.ctrl[:] = 1.0

@@ -162,7 +162,7 @@ def test_everything_that_a_damage_code_means_is_recorded() -> None:
         "types": ["weak_motor", "jammed_joint"],
         "max_damaged_limbs": 2,
         "severity": 0.5,
-        "weak_motor": {"strength": dappo_batch.damage.WeakMotor().strength},
+        "weak_motor": {"strength": 0.5, "joint": None},
         "jammed_joint": {"joint": 1, "range_deg": 0.1, "at": "zero"},
     }
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from dappo_batch._checks import shown
 from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
+from dappo_batch.damage.dead_motor import DeadMotor
 from dappo_batch.damage.jammed_joint import JammedJoint
 from dappo_batch.damage.missing_toe import MissingToe
 from dappo_batch.damage.weak_motor import WeakMotor
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DAMAGE_TYPES",
     "DamageType",
+    "DeadMotor",
     "JammedJoint",
     "MissingToe",
     "WeakMotor",
@@ -27,7 +29,9 @@ __all__ = [
     "register_damage_type",
 ]
 
-DAMAGE_TYPES: dict[str, type[DamageType]] = {kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor)}
+DAMAGE_TYPES: dict[str, type[DamageType]] = {
+    kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor, DeadMotor)
+}
 """Damage types by name; `register_damage_type` adds to them."""
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {
@@ -36,6 +40,7 @@ _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "bool": (bool,),
     "str": (str,),
     "int | str": (int, str),
+    "int | str | None": (int, str),
     "str | float": (str, int, float),
 }
 
