@@ -18,7 +18,7 @@ from dappo_batch.damage import (
     DamageType,
     DeadMotor,
     JammedJoint,
-    MissingToe,
+    MissingShank,
     WeakMotor,
     make_damage_type,
     register_damage_type,
@@ -95,7 +95,7 @@ def test_the_stump_of_the_ant_equals_a_hand_written_short_capsule() -> None:
     robot = load_robot("ant")
     tip = 0.01 / math.sqrt(2)
     expected = from_edited_mjcf(robot, 'fromto="0 0 0 -0.4 0.4 0"', f'fromto="0 0 0 {-tip!r} {tip!r} 0"')
-    model = damaged(robot, MissingToe(half_length=0.005), 1)
+    model = damaged(robot, MissingShank(half_length=0.005), 1)
     for name in ("mass", "inertia", "ipos"):
         assert getattr(model.body("back_left_toe"), name) == pytest.approx(
             getattr(expected.body("back_left_toe"), name), rel=1e-12, abs=1e-15
@@ -117,7 +117,7 @@ def test_the_stump_of_the_hexapod_weighs_its_share_of_the_tibias_volume() -> Non
         '<geom name="left_rear_tibia" class="tibia"/>',
         f'<geom name="left_rear_tibia" class="tibia" fromto="0 0 0 0.02 0 0" mass="{mass!r}"/>',
     )
-    model = damaged(robot, MissingToe(half_length=0.01), 3)
+    model = damaged(robot, MissingShank(half_length=0.01), 3)
     body, reference = model.body("left_rear_tibia"), expected.body("left_rear_tibia")
     assert body.mass == pytest.approx(mass)
     assert body.mass == pytest.approx(reference.mass, rel=1e-12)
@@ -126,7 +126,7 @@ def test_the_stump_of_the_hexapod_weighs_its_share_of_the_tibias_volume() -> Non
 
 
 def test_the_touch_site_of_the_hexapod_shrinks_with_the_tibia() -> None:
-    model = damaged(load_robot("hexapod"), MissingToe(half_length=0.01), 3)
+    model = damaged(load_robot("hexapod"), MissingShank(half_length=0.01), 3)
     assert model.site("left_rear_touch").size[:2] == pytest.approx([0.03, 0.01])
     assert model.site("left_rear_touch").pos == pytest.approx([0.01, 0, 0])
     assert model.site("left_front_touch").size[:2] == pytest.approx([0.03, 0.07])
@@ -136,7 +136,7 @@ def test_the_touch_site_of_the_hexapod_shrinks_with_the_tibia() -> None:
 def test_a_stump_keeps_its_end_at_the_joint_its_direction_and_its_radius(name: str | Path) -> None:
     robot = load_robot(name)
     toe = robot.limbs[2].toe_geom
-    sound, broken = healthy(robot), damaged(robot, MissingToe(half_length=0.004), 2)
+    sound, broken = healthy(robot), damaged(robot, MissingShank(half_length=0.004), 2)
     ends = []
     for model in (sound, broken):
         geom = model.geom(toe)
@@ -155,7 +155,7 @@ def test_a_stump_keeps_its_end_at_the_joint_its_direction_and_its_radius(name: s
 
 
 def test_the_severity_shortens_the_toe_linearly() -> None:
-    model = damaged(load_robot("hexapod"), MissingToe(half_length=0.01), 0, severity=0.5)
+    model = damaged(load_robot("hexapod"), MissingShank(half_length=0.01), 0, severity=0.5)
     assert model.geom("right_front_tibia").size[1] == pytest.approx(0.04)
 
 
@@ -205,6 +205,7 @@ def test_a_muscle_is_not_a_motor_that_can_weaken() -> None:
 def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
     assert {name: kind.disables_touch for name, kind in DAMAGE_TYPES.items()} == {
         "jammed_joint": False,
+        "missing_shank": True,
         "missing_toe": True,
         "weak_motor": False,
         "dead_motor": False,
@@ -214,7 +215,7 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_toe, weak_motor"),
+        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_shank, "),
         ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg, at"),
         ("jammed_joint", {"joint": 0.5}, "joint must be of type int"),
         ("jammed_joint", {"joint": True}, "joint must be of type int"),
@@ -225,7 +226,6 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
         ("jammed_joint", {"joint": -1}, "counts from 0"),
         ("jammed_joint", {"range_deg": 0.0}, "above 0"),
         ("jammed_joint", {"range_deg": math.nan}, "above 0"),
-        ("missing_toe", {}, "missing parameters half_length"),
         ("missing_toe", {"half_length": "short"}, "half_length must be of type float"),
         ("missing_toe", {"half_length": -1}, "above 0"),
         ("weak_motor", {"strength": 1.0}, "below 1"),
@@ -253,7 +253,7 @@ def test_a_wrong_damage_type_or_parameter_is_rejected(
         ),
         (JammedJoint(joint="ankle", at="default"), r"range of 30° to 70°; use \[reset\] keyframe"),
         (JammedJoint(joint=1, at=71), r"would jam at 71° \(at = 71\).*; use an angle within the range"),
-        (MissingToe(half_length=0.3), "below the 0.282843 m"),
+        (MissingShank(half_length=0.3), "below the 0.282843 m"),
     ],
 )
 def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, message: str) -> None:
@@ -264,26 +264,20 @@ def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, messa
 @pytest.mark.parametrize(
     ("body", "damage", "message"),
     [
-        ('<joint name="j"/><geom name="toe" type="box" size="1 1 1"/>', MissingToe(0.01), "not a capsule"),
+        ('<joint name="j"/><geom name="toe" type="box" size="1 1 1"/>', MissingShank(), "no geom away"),
         (
             '<joint name="j" type="slide" range="0 1"/><geom name="toe" size="1"/>',
             JammedJoint(),
             "not a hinge",
         ),
         (
-            '<joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-            '<geom name="toe" type="capsule" size="1 1"/>',
-            MissingToe(0.01),
-            "<inertial>",
-        ),
-        (
             '<joint name="j"/><frame pos="1 0 0"><geom name="toe" type="capsule" size="1 1"/></frame>',
-            MissingToe(0.01),
+            MissingShank(0.01),
             "<frame>",
         ),
         ('<joint name="k"/><geom name="claw" size="1"/>', JammedJoint(), "no joint 'j'"),
         ('<joint name="j"/><geom name="toe" size="1"/>', WeakMotor(), "no actuator"),
-        ('<joint name="k"/><geom name="claw" size="1"/>', MissingToe(0.01), "no geom 'toe'"),
+        ('<joint name="k"/><geom name="claw" size="1"/>', MissingShank(0.01), "no geom 'toe'"),
     ],
 )
 def test_a_limb_that_cannot_break_in_this_way_is_in_the_error(
@@ -307,7 +301,7 @@ LIMB = """<mujoco><compiler angle="radian"/><worldbody>
   <body name="other"><joint name="elbow" range="-1 1"/><geom size="0.05"/><site name="hand"/></body>
   </body></worldbody>{extra}</mujoco>"""
 ONE = Limb(name="one", body="limb", joints=("hip", "knee"), toe_geom="toe")
-STUMP = MissingToe(half_length=0.01)
+STUMP = MissingShank(half_length=0.01)
 
 
 def limb(end: str = "", extra: str = "", joint: str = "") -> mujoco.MjSpec:
@@ -323,37 +317,236 @@ def places(spec: mujoco.MjSpec, kind: str, name: str) -> np.ndarray:
 
 
 FEET = {
-    "ball": ('<geom name="foot" size="0.05" pos="0 0 -0.4"/>', "geom"),
-    "ball a little further out": ('<geom name="foot" size="0.05" pos="0.02 0 -0.45"/>', "geom"),
+    "ball": ('<geom name="foot" size="0.05" pos="0 0 -0.4"/>', 1000 * 4 / 3 * math.pi * 0.05**3),
+    "ball of a given mass": ('<geom name="foot" size="0.05" pos="0.02 0 -0.45" mass="0.3"/>', 0.3),
     "box in a body of its own": (
         '<body pos="0 0 -0.4"><geom name="foot" type="box" size="0.05 0.03 0.01"/></body>',
-        "geom",
-    ),
-    "foot that weighs what an <inertial> says": (
-        '<body name="foot" pos="0 0 -0.4"><inertial pos="0 0 0" mass="0.2" diaginertia="1e-3 1e-3'
-        ' 1e-3"/></body>',
-        "body",
+        1000 * 8 * 0.05 * 0.03 * 0.01,
     ),
     "capsule across": (
         '<geom name="foot" type="capsule" fromto="-0.1 0 -0.4 0.1 0 -0.4" size="0.02"/>',
-        "geom",
+        1000 * math.pi * 0.02**2 * (0.2 + 4 / 3 * 0.02),
     ),
-    "camera mount": ('<site name="foot" pos="0 0 -0.39"/>', "site"),
 }
+"""Feet at the end of the lower segment, and their masses."""
 
 
 @pytest.mark.parametrize("foot", FEET)
 @pytest.mark.parametrize("severity", [0.5, 1.0])
-def test_a_foot_moves_to_the_end_of_the_stump(foot: str, severity: float) -> None:
-    end, kind = FEET[foot]
-    sound = places(limb(end), kind, "foot")
-    spec = limb(end)
+def test_a_foot_shrinks_into_the_joint(foot: str, severity: float) -> None:
+    end, weight = FEET[foot]
+    sound, spec = limb(end), limb(end)
     STUMP.apply(spec, ONE, severity)
+    factor = 1 - 0.999 * severity
+    assert places(spec, "geom", "foot") == pytest.approx(factor * places(sound, "geom", "foot"), abs=1e-12)
+    before, after = sound.compile(), spec.compile()
+    assert after.geom("foot").size == pytest.approx(factor * before.geom("foot").size)
     lost = severity * (0.4 - 0.02)
-    assert places(spec, kind, "foot") == pytest.approx(sound + np.array([0, 0, lost]), abs=1e-12)
+    mass = 1000 * math.pi * 0.03**2 * (0.4 - lost + 4 / 3 * 0.03) + factor**3 * weight
+    assert after.body("shank").subtreemass == pytest.approx(mass)
     assert places(spec, "site", "ankle") == pytest.approx([0, 0, -0.4 + lost], abs=1e-12)
-    healthy_mass, mass = (item.compile().body("shank").subtreemass for item in (limb(end), spec))
-    assert healthy_mass - mass == pytest.approx(1000 * math.pi * 0.03**2 * lost)
+
+
+def test_a_missing_foot_does_not_touch_the_floor() -> None:
+    end = '<geom name="foot" size="0.05" pos="0 0 -0.4"/>'
+    touching = []
+    for damage in (None, STUMP):
+        spec = limb(end)
+        spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+        if damage:
+            damage.apply(spec, ONE, 1.0)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        # The knee is 0.04 m above the floor: the stump reaches 0.05 m below it, the healthy foot 0.45 m.
+        data.qpos[2] = 0.04
+        mujoco.mj_forward(model, data)
+        named = {model.geom(int(geom)).name for geom in data.contact.geom.flatten()}
+        touching.append({"toe", "foot"} & named)
+    assert touching == [{"toe", "foot"}, {"toe"}]
+
+
+def test_a_foot_that_alone_touches_the_floor_becomes_the_end_of_the_stump() -> None:
+    end = '<geom name="foot" size="0.05" pos="0 0 -0.4"/>'
+    spec = limb(end)
+    spec.geom("toe").contype = spec.geom("toe").conaffinity = 0
+    STUMP.apply(spec, ONE, 1.0)
+    assert places(spec, "geom", "foot") == pytest.approx([0, 0, -0.02], abs=1e-12)
+    assert spec.compile().geom("foot").size[0] == pytest.approx(0.05 * 0.02 / 0.4)
+
+
+# A shank of the limb instead of a capsule, and the same shortened by hand to 0.04 m.
+SHANKS = {
+    "box": (
+        'type="box" size="0.02 0.03 0.2" pos="0 0 -0.2"',
+        'type="box" size="0.02 0.03 0.02" pos="0 0 -0.02"',
+    ),
+    "turned box": (
+        'type="box" size="0.2 0.03 0.02" pos="0 0 -0.2" euler="0 1.5707963267948966 0"',
+        'type="box" size="0.02 0.03 0.02" pos="0 0 -0.02" euler="0 1.5707963267948966 0"',
+    ),
+    "box of a given mass": (
+        'type="box" fromto="0 0 0 0 0 -0.4" size="0.02" mass="3"',
+        'type="box" fromto="0 0 0 0 0 -0.04" size="0.02" mass="0.3"',
+    ),
+    "cylinder": (
+        'type="cylinder" size="0.02 0.2" pos="0 0 -0.2" mass="3"',
+        'type="cylinder" size="0.02 0.02" pos="0 0 -0.02" mass="0.3"',
+    ),
+    "cylinder between two points": (
+        'type="cylinder" fromto="0 0 -0.4 0 0 0" size="0.02"',
+        'type="cylinder" fromto="0 0 -0.04 0 0 0" size="0.02"',
+    ),
+    "ellipsoid": (
+        'type="ellipsoid" size="0.02 0.03 0.2" pos="0 0 -0.2"',
+        'type="ellipsoid" size="0.02 0.03 0.02" pos="0 0 -0.02"',
+    ),
+    "capsule": (
+        'type="capsule" size="0.02 0.2" pos="0 0 -0.2"',
+        'type="capsule" size="0.02 0.02" pos="0 0 -0.02"',
+    ),
+}
+TOE = 'type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03"'
+
+
+@pytest.mark.parametrize("shape", SHANKS)
+@pytest.mark.parametrize("toe", ["toe", None])
+def test_a_shank_of_any_shape_equals_one_that_is_shortened_by_hand(shape: str, toe: str | None) -> None:
+    sound, short = SHANKS[shape]
+    text = LIMB.format(end="", extra="<contact/>", joint="")
+    assert text.count(TOE) == text.count(' pos="0 0 -0.4"') == 1
+    spec = mujoco.MjSpec.from_string(text.replace(TOE, sound))
+    MissingShank(half_length=0.02).apply(spec, replace(ONE, toe_geom=toe), 1.0)
+    by_hand = text.replace(TOE, short).replace(' pos="0 0 -0.4"', ' pos="0 0 -0.04"')
+    model, expected = spec.compile(), mujoco.MjModel.from_xml_string(by_hand)
+    assert_equal_models(model, expected, {"site_size"})
+    assert model.site("ankle").size == pytest.approx(0.1 * expected.site("ankle").size)
+
+
+def assert_equal_models(model: mujoco.MjModel, expected: mujoco.MjModel, but: set[str]) -> None:
+    """Compare all arrays up to rounding, with quaternions up to their sign."""
+    for name in numeric_differences(model, expected) - but:
+        got, want = np.asarray(getattr(model, name)), np.asarray(getattr(expected, name))
+        if name.endswith("quat"):
+            got, want = np.abs(got), np.abs(want)
+        assert got == pytest.approx(want, rel=1e-9, abs=1e-12), name
+
+
+def test_the_default_stump_is_a_tenth_of_the_segment() -> None:
+    stumps = []
+    for type_ in (MissingShank(), MissingShank(half_length=0.02)):
+        spec = limb()
+        type_.apply(spec, ONE, 1.0)
+        stumps.append(spec.compile())
+    assert_equal_models(*stumps, but=set())
+
+
+INERTIAL = '<inertial pos="{pos}" mass="{mass}" fullinertia="{tensor}"/>'
+
+
+def of_points(masses: np.ndarray, points: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return mass, center and inertia tensor of point masses."""
+    mass = masses.sum()
+    center = masses @ points / mass
+    arms = points - center
+    squares = np.einsum("n,ni,nj->ij", masses, arms, arms)
+    return float(mass), center, np.trace(squares) * np.eye(3) - squares
+
+
+def test_the_mass_of_an_inertial_contracts_along_the_segment() -> None:
+    rng = np.random.default_rng(0)
+    masses, points = rng.uniform(0.01, 0.1, 12), rng.normal([0.01, 0.02, -0.15], 0.05, (12, 3))
+    mass, center, tensor = of_points(masses, points)
+    components = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    texts = (" ".join(map(repr, map(float, numbers))) for numbers in (center, components))
+    pos, full = texts
+    spec = limb(INERTIAL.format(pos=pos, mass=mass, tensor=full))
+    MissingShank(half_length=0.05).apply(spec, ONE, 0.8)
+    # The length goes from 0.4 to 0.1 m, at this severity to 0.16: each point keeps 0.4 of mass and height.
+    mass, center, tensor = of_points(0.4 * masses, points * [1, 1, 0.4])
+    body = spec.compile().body("shank")
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, body.iquat)
+    turn = turn.reshape(3, 3)
+    assert body.mass == pytest.approx(mass, rel=1e-12)
+    assert body.ipos == pytest.approx(center, rel=1e-12)
+    assert turn @ np.diag(body.inertia) @ turn.T == pytest.approx(tensor, rel=1e-9, abs=1e-15)
+
+
+def test_a_uniform_rod_with_an_inertial_becomes_a_shorter_rod() -> None:
+    rods = []
+    for length, mass in ((0.4, 0.5), (0.1, 0.125)):
+        moment = mass * length**2 / 12
+        rods.append(
+            f'<inertial pos="0 0 {-length / 2}" mass="{mass}"'
+            f' diaginertia="{moment + 1e-5 * mass} {moment + 1e-5 * mass} {2e-5 * mass}"/>'
+        )
+    spec = limb(rods[0])
+    MissingShank(half_length=0.05).apply(spec, ONE, 1.0)
+    body, expected = spec.compile().body("shank"), limb(rods[1]).compile().body("shank")
+    assert (body.mass, body.ipos) == (pytest.approx(expected.mass), pytest.approx(expected.ipos, abs=1e-12))
+    assert body.inertia == pytest.approx(expected.inertia)
+
+
+PLATE = """<mesh name="plate" vertex="-.02 -.03 0  .02 -.03 0  .02 .03 0  -.02 .03 0
+  -.02 -.03 -.4  .02 -.03 -.4  .02 .03 -.4  -.02 .03 -.4"/>"""
+"""A box of 0.04 by 0.06 by 0.4 m."""
+
+
+def with_plate(geom: str) -> mujoco.MjSpec:
+    plate = f'<geom name="cover" type="mesh" mesh="plate" pos="0 0 0.1" euler="0 0 1" {geom}/>'
+    text = LIMB.format(end=plate, extra="", joint="")
+    text = text.replace("<worldbody>", f"<asset>{PLATE}</asset><worldbody>")
+    return mujoco.MjSpec.from_string(text)
+
+
+def test_a_mesh_without_contacts_becomes_invisible() -> None:
+    sound = with_plate('contype="0" conaffinity="0" mass="0"')
+    spec = sound.copy()
+    STUMP.apply(spec, ONE, 1.0)
+    assert spec.compile().geom("cover").rgba[3] == 0
+    assert spec.compile().body("shank").mass < sound.compile().body("shank").mass
+
+
+def test_a_mesh_with_contacts_and_mass_becomes_a_shorter_capsule() -> None:
+    sound = with_plate("")
+    spec = sound.copy()
+    spec.geom("toe").contype = spec.geom("toe").conaffinity = 0
+    MissingShank(half_length=0.05).apply(spec, ONE, 1.0)
+    model = spec.compile()
+    geom = model.geom("cover")
+    assert geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE
+    # As thick as the plate, from 0.02 m below the upper end of that, which is 0.1 m above the knee.
+    assert geom.size[:2] == pytest.approx([0.02, 0.09])
+    assert geom.pos == pytest.approx([0, 0, -0.01], abs=1e-8)
+    assert model.body("shank").mass == pytest.approx(0.25 * sound.compile().body("shank").mass)
+
+
+def test_masses_of_other_bodies_remain_where_the_mjcf_ignores_inertials() -> None:
+    text = LIMB.format(end='<geom name="cover" type="mesh" mesh="plate"/>', extra="", joint="")
+    text = text.replace("<worldbody>", f"<asset>{PLATE}</asset><worldbody>")
+    text = text.replace('angle="radian"', 'angle="radian" inertiafromgeom="true"')
+    text = text.replace("<freejoint/>", '<freejoint/><inertial pos="0 0 0" mass="7" diaginertia="1 1 1"/>')
+    spec = mujoco.MjSpec.from_string(text)
+    STUMP.apply(spec, ONE, 1.0)
+    sound, model = mujoco.MjModel.from_xml_string(text), spec.compile()
+    assert model.body("torso").mass == sound.body("torso").mass != 7
+    assert model.body("shank").mass == pytest.approx(0.05 * sound.body("shank").mass)
+
+
+def test_missing_toe_is_another_name_of_missing_shank() -> None:
+    tables = [
+        dappo_batch.compile_class_table(
+            "ant", types=[name], max_damaged_limbs=1, damage_options={name: {"half_length": 0.005}}
+        )
+        for name in ("missing_toe", "missing_shank")
+    ]
+    assert [entry.name for entry in tables[1].space.classes] == [
+        entry.name.replace("missing_toe", "missing_shank") for entry in tables[0].space.classes
+    ]
+    for toe, shank in zip(tables[0].models, tables[1].models, strict=True):
+        assert numeric_differences(toe, shank) == set()
+    with pytest.raises(ConfigError, match="missing_toe and missing_shank are two names of the same"):
+        dappo_batch.compile_class_table("ant", types=["missing_toe", "missing_shank"])
 
 
 def test_what_lies_on_the_stump_stays_there() -> None:
@@ -362,28 +555,27 @@ def test_what_lies_on_the_stump_stays_there() -> None:
     assert places(spec, "geom", "knee") == pytest.approx([0, 0, 0.02])
 
 
-def test_a_visual_geom_is_hidden() -> None:
+def test_other_geoms_along_the_segment_are_shortened_with_it() -> None:
     spec = limb(
         '<geom name="cover" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2" contype="0" conaffinity="0"'
         ' mass="0"/>'
+        '<body><geom name="shin" type="capsule" fromto="0.01 0 0.1 0.01 0 -0.3" size="0.04"/></body>'
     )
-    STUMP.apply(spec, ONE, 1.0)
-    assert spec.compile().geom("cover").rgba[3] == 0
+    MissingShank(half_length=0.05).apply(spec, ONE, 1.0)
+    model = spec.compile()
+    assert (model.geom("cover").size, model.geom("cover").pos) == (
+        pytest.approx([0.04, 0.04, 0.05]),
+        pytest.approx([0, 0, -0.05]),
+    )
+    assert (model.geom("shin").size[:2], model.geom("shin").pos) == (
+        pytest.approx([0.04, 0.1]),
+        pytest.approx([0.01, 0, 0]),
+    )
 
 
 @pytest.mark.parametrize(
     ("end", "extra", "message"),
     [
-        (
-            '<geom name="shin" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2"/>',
-            "",
-            "geom shin lies along geom toe",
-        ),
-        (
-            '<body name="shin"><geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.04"/></body>',
-            "",
-            "body shin lies along geom toe",
-        ),
         (
             '<body pos="0 0 -0.4"><joint name="heel"/><geom size="0.05"/></body>',
             "",
@@ -402,7 +594,7 @@ def test_a_visual_geom_is_hidden() -> None:
         (
             '<frame><geom name="foot" size="0.05" pos="0 0 -0.4"/></frame>',
             "",
-            "foot at the end of the toe lies in a <frame>",
+            "foot breaks off and lies in a <frame>",
         ),
     ],
 )

@@ -11,7 +11,7 @@ from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
 from dappo_batch.damage.dead_motor import DeadMotor
 from dappo_batch.damage.jammed_joint import JammedJoint
-from dappo_batch.damage.missing_toe import MissingToe
+from dappo_batch.damage.missing_shank import MissingShank
 from dappo_batch.damage.weak_motor import WeakMotor
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ __all__ = [
     "DamageType",
     "DeadMotor",
     "JammedJoint",
-    "MissingToe",
+    "MissingShank",
     "WeakMotor",
     "default_options",
     "make_damage_type",
@@ -30,9 +30,14 @@ __all__ = [
 ]
 
 DAMAGE_TYPES: dict[str, type[DamageType]] = {
-    kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor, DeadMotor)
+    "jammed_joint": JammedJoint,
+    "missing_shank": MissingShank,
+    "missing_toe": MissingShank,
+    "weak_motor": WeakMotor,
+    "dead_motor": DeadMotor,
 }
-"""Damage types by name; `register_damage_type` adds to them."""
+"""Damage types by name; `register_damage_type` adds to them. ``missing_toe`` is another name of
+``missing_shank``, that of the robots of the paper."""
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "int": (int,),
@@ -42,6 +47,7 @@ _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "int | str": (int, str),
     "int | str | None": (int, str),
     "str | float": (str, int, float),
+    "float | None": (int, float),
 }
 
 

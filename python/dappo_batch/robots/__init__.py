@@ -45,7 +45,7 @@ class Limb:
     joints : tuple of str
         Joints from the torso outwards.
     toe_geom : str or None
-        Geom of the lowest segment, needed only for the damage type ``missing_toe``, which shortens it.
+        Geom of the lowest segment, which the damage type ``missing_shank`` shortens; without one it is found.
     touch : str or None
         Touch sensor of the limb.
     touch_site : str or None
