@@ -11,6 +11,7 @@ from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
 from dappo_batch.damage.dead_motor import DeadMotor
 from dappo_batch.damage.jammed_joint import JammedJoint
+from dappo_batch.damage.missing_limb import MissingLimb
 from dappo_batch.damage.missing_shank import MissingShank
 from dappo_batch.damage.weak_motor import WeakMotor
 
@@ -22,6 +23,7 @@ __all__ = [
     "DamageType",
     "DeadMotor",
     "JammedJoint",
+    "MissingLimb",
     "MissingShank",
     "WeakMotor",
     "default_options",
@@ -33,6 +35,7 @@ DAMAGE_TYPES: dict[str, type[DamageType]] = {
     "jammed_joint": JammedJoint,
     "missing_shank": MissingShank,
     "missing_toe": MissingShank,
+    "missing_limb": MissingLimb,
     "weak_motor": WeakMotor,
     "dead_motor": DeadMotor,
 }

@@ -13,7 +13,7 @@ from dappo_batch.damage.parts import carries, is_on, joints_of, select_joint
 if TYPE_CHECKING:
     from dappo_batch.robots import Limb
 
-__all__ = ["scale_forces"]
+__all__ = ["moves", "scale_forces"]
 
 _JOINT_TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 # Types whose force is linear in their parameters.
@@ -50,7 +50,7 @@ def scale_forces(
     if joint is None:
         joints = joints_of(spec, limb)
         what = f"limb {limb.name}"
-        actuators = [actuator for actuator in spec.actuators if _moves(spec, actuator, limb, owner)]
+        actuators = [actuator for actuator in spec.actuators if moves(spec, actuator, limb, owner)]
     else:
         joints = [select_joint(spec, limb, joint, owner)]
         what = f"limb {limb.name}: joint {joints[0].name}"
@@ -117,7 +117,7 @@ def _moves_alone(
     return names == {joint.name}
 
 
-def _moves(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, limb: Limb, owner: str) -> bool:
+def moves(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, limb: Limb, owner: str) -> bool:
     """Return whether an actuator belongs to a limb.
 
     Raises

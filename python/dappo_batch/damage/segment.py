@@ -216,7 +216,7 @@ class Stump:
         shorten_along(geom, axis, excess / (2 * abs(cosines[axis])), toward)
 
     def _place(self, site: mujoco.MjsSite, is_touch_site: bool) -> None:
-        """Move a site with the end of the segment; the zone of a touch sensor shrinks with its geoms."""
+        """Move a site with the end of the segment, and that of the touch sensor with its geoms."""
         if is_touch_site and site.type == mujoco.mjtGeom.mjGEOM_CAPSULE:
             half = half_length(site) * self.left / self.segment.length
             set_half_length(site, *self._ends(site), half)

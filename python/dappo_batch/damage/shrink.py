@@ -122,15 +122,19 @@ def shorten_along(geom: mujoco.MjsGeom, axis: int, excess: float, toward: Vector
 
 
 def scale_about(shape: Shape, point: Vector, factor: float) -> None:
-    """Scale a primitive geom or a site about a point, in the frame of its body; its mass with its volume."""
+    """Scale a primitive geom about a point in the frame of its body, its mass with its volume.
+
+    Of a site the position alone: the zone of a touch sensor has to hold all contacts, with their margins.
+    """
     if _has_fromto(shape):
         both = np.tile(point, 2)
         shape.fromto = both + factor * (np.asarray(shape.fromto) - both)
     else:
         shape.pos = point + factor * (np.asarray(shape.pos) - point)
-    shape.size = factor * np.asarray(shape.size)
-    if isinstance(shape, mujoco.MjsGeom) and not math.isnan(shape.mass):
-        shape.mass = factor**3 * shape.mass
+    if isinstance(shape, mujoco.MjsGeom):
+        shape.size = factor * np.asarray(shape.size)
+        if not math.isnan(shape.mass):
+            shape.mass = factor**3 * shape.mass
 
 
 def make_capsule(geom: mujoco.MjsGeom, pose: ReferencePose) -> None:
