@@ -418,7 +418,8 @@ def test_slight_damage_is_close_to_none(name: str) -> None:
     healthy = spec.compile()
     kind.apply(spec, robot.limbs[0], 1e-6)
     model = spec.compile()
-    for array in numeric_differences(healthy, model):
+    # Principal axes of a round body are arbitrary.
+    for array in numeric_differences(healthy, model) - {"body_iquat"}:
         got, want = np.asarray(getattr(model, array)), np.asarray(getattr(healthy, array))
         if want.dtype.kind == "f":  # integers are choices of the compiler, such as frames that coincide
             got, want = (np.abs(values) if array.endswith("quat") else values for values in (got, want))
