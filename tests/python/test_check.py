@@ -127,20 +127,17 @@ def test_options_that_lanes_does_not_follow_are_noted(tmp_path: Path) -> None:
 
 
 def test_damage_that_cannot_be_applied_does_not_prevent_the_report(tmp_path: Path) -> None:
-    path = write(tmp_path, SLACK)
-    text = path.read_text()
-    for limb in ("north", "east"):
-        text = text.replace(f'toe_geom = "{limb}_toe"\n', "")
-    path.write_text(text)
+    knees = [f'<joint name="{limb}_knee" axis="0 1 0"' for limb in ("north", "east")]
+    path = write(tmp_path, (*SLACK, *((knee, f'{knee} range="0.1 0.6"') for knee in knees)))
     out, _ = run("check", path, "--max-damaged-limbs", "1", code=1)
     assert "damage that cannot be applied" in out
-    assert out.count("missing_toe") == 2
+    assert out.count("jammed_joint: limb") == 2
     assert "backend auto on the CPU: lanes" in out
     report = dappo_batch.check_robot(path, max_damaged_limbs=1)
     for limb, refusal in zip(("north", "east"), report.refusals, strict=True):
         assert limb in refusal
-    assert report.damage_classes == ("healthy", "jammed_joint@0", "jammed_joint@1", "jammed_joint@2")
-    run("check", path, "--types", "jammed_joint", "--max-damaged-limbs", "1")
+    assert report.damage_classes == ("healthy", "missing_toe@0", "missing_toe@1", "missing_toe@2")
+    run("check", path, "--types", "missing_toe", "--max-damaged-limbs", "1")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -16,13 +16,16 @@ from dappo_batch._core import ConfigError
 from dappo_batch.damage import (
     DAMAGE_TYPES,
     DamageType,
+    DeadMotor,
     JammedJoint,
-    MissingToe,
+    MissingShank,
     WeakMotor,
     make_damage_type,
     register_damage_type,
 )
 from dappo_batch.robots import Limb, Robot, load_robot
+
+from .damaged_limbs import LIMB, ONE, limb, numeric_differences
 
 TRIPOD = Path(__file__).parent / "robots" / "tripod.toml"
 
@@ -41,11 +44,6 @@ def from_edited_mjcf(robot: Robot, old: str, new: str) -> mujoco.MjModel:
     text = robot.mjcf_path.read_text()
     assert text.count(old) == 1
     return mujoco.MjModel.from_xml_string(text.replace(old, new))
-
-
-def numeric_differences(a: mujoco.MjModel, b: mujoco.MjModel) -> set[str]:
-    names = [name for name in dir(a) if isinstance(getattr(a, name), np.ndarray)]
-    return {name for name in names if not np.array_equal(getattr(a, name), getattr(b, name))}
 
 
 @pytest.mark.parametrize("name", ["ant", "hexapod", TRIPOD])
@@ -69,9 +67,9 @@ def test_a_jammed_joint_keeps_a_tenth_of_a_degree_to_both_sides(name: str | Path
 
 def test_the_severity_moves_both_ends_of_the_range_linearly() -> None:
     robot = load_robot("ant")
-    model = damaged(robot, JammedJoint(joint=1, range_deg=2.0), 0, severity=0.25)
-    # ankle_1 goes from 30..70 towards -2..2 degrees
-    assert np.rad2deg(model.joint("ankle_1").range) == pytest.approx([22.0, 53.0])
+    model = damaged(robot, JammedJoint(joint=1, range_deg=2.0, at=50), 0, severity=0.25)
+    # ankle_1 goes from 30..70 towards 48..52 degrees
+    assert np.rad2deg(model.joint("ankle_1").range) == pytest.approx([34.5, 65.5])
 
 
 def test_a_jammed_hip_of_the_ant_leaks_only_a_little_under_full_torque() -> None:
@@ -94,7 +92,7 @@ def test_the_stump_of_the_ant_equals_a_hand_written_short_capsule() -> None:
     robot = load_robot("ant")
     tip = 0.01 / math.sqrt(2)
     expected = from_edited_mjcf(robot, 'fromto="0 0 0 -0.4 0.4 0"', f'fromto="0 0 0 {-tip!r} {tip!r} 0"')
-    model = damaged(robot, MissingToe(half_length=0.005), 1)
+    model = damaged(robot, MissingShank(half_length=0.005), 1)
     for name in ("mass", "inertia", "ipos"):
         assert getattr(model.body("back_left_toe"), name) == pytest.approx(
             getattr(expected.body("back_left_toe"), name), rel=1e-12, abs=1e-15
@@ -116,7 +114,7 @@ def test_the_stump_of_the_hexapod_weighs_its_share_of_the_tibias_volume() -> Non
         '<geom name="left_rear_tibia" class="tibia"/>',
         f'<geom name="left_rear_tibia" class="tibia" fromto="0 0 0 0.02 0 0" mass="{mass!r}"/>',
     )
-    model = damaged(robot, MissingToe(half_length=0.01), 3)
+    model = damaged(robot, MissingShank(half_length=0.01), 3)
     body, reference = model.body("left_rear_tibia"), expected.body("left_rear_tibia")
     assert body.mass == pytest.approx(mass)
     assert body.mass == pytest.approx(reference.mass, rel=1e-12)
@@ -125,7 +123,7 @@ def test_the_stump_of_the_hexapod_weighs_its_share_of_the_tibias_volume() -> Non
 
 
 def test_the_touch_site_of_the_hexapod_shrinks_with_the_tibia() -> None:
-    model = damaged(load_robot("hexapod"), MissingToe(half_length=0.01), 3)
+    model = damaged(load_robot("hexapod"), MissingShank(half_length=0.01), 3)
     assert model.site("left_rear_touch").size[:2] == pytest.approx([0.03, 0.01])
     assert model.site("left_rear_touch").pos == pytest.approx([0.01, 0, 0])
     assert model.site("left_front_touch").size[:2] == pytest.approx([0.03, 0.07])
@@ -135,7 +133,7 @@ def test_the_touch_site_of_the_hexapod_shrinks_with_the_tibia() -> None:
 def test_a_stump_keeps_its_end_at_the_joint_its_direction_and_its_radius(name: str | Path) -> None:
     robot = load_robot(name)
     toe = robot.limbs[2].toe_geom
-    sound, broken = healthy(robot), damaged(robot, MissingToe(half_length=0.004), 2)
+    sound, broken = healthy(robot), damaged(robot, MissingShank(half_length=0.004), 2)
     ends = []
     for model in (sound, broken):
         geom = model.geom(toe)
@@ -154,7 +152,7 @@ def test_a_stump_keeps_its_end_at_the_joint_its_direction_and_its_radius(name: s
 
 
 def test_the_severity_shortens_the_toe_linearly() -> None:
-    model = damaged(load_robot("hexapod"), MissingToe(half_length=0.01), 0, severity=0.5)
+    model = damaged(load_robot("hexapod"), MissingShank(half_length=0.01), 0, severity=0.5)
     assert model.geom("right_front_tibia").size[1] == pytest.approx(0.04)
 
 
@@ -204,25 +202,33 @@ def test_a_muscle_is_not_a_motor_that_can_weaken() -> None:
 def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
     assert {name: kind.disables_touch for name, kind in DAMAGE_TYPES.items()} == {
         "jammed_joint": False,
+        "missing_shank": True,
+        "missing_limb": True,
         "missing_toe": True,
         "weak_motor": False,
+        "dead_motor": False,
     }
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_toe, weak_motor"),
-        ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg"),
+        ("bent_limb", {}, r"unknown damage type 'bent_limb'.*jammed_joint, missing_shank, "),
+        ("jammed_joint", {"angle": 1.0}, "unknown parameters angle; expected joint, range_deg, at"),
         ("jammed_joint", {"joint": 0.5}, "joint must be of type int"),
         ("jammed_joint", {"joint": True}, "joint must be of type int"),
+        ("jammed_joint", {"joint": "(calf"}, "not a regular expression"),
+        ("jammed_joint", {"at": "home"}, '"zero", "default" or an angle in degrees, got \'home\''),
+        ("jammed_joint", {"at": math.inf}, "an angle in degrees, got inf"),
+        ("jammed_joint", {"at": [1.0]}, "at must be of type str | float"),
         ("jammed_joint", {"joint": -1}, "counts from 0"),
         ("jammed_joint", {"range_deg": 0.0}, "above 0"),
         ("jammed_joint", {"range_deg": math.nan}, "above 0"),
-        ("missing_toe", {}, "missing parameters half_length"),
         ("missing_toe", {"half_length": "short"}, "half_length must be of type float"),
         ("missing_toe", {"half_length": -1}, "above 0"),
         ("weak_motor", {"strength": 1.0}, "below 1"),
+        ("weak_motor", {"joint": -2}, "counts from 0"),
+        ("dead_motor", {"joint": 1.5}, r"joint must be of type int \| str \| None"),
         ("weak_motor", {"strength": math.nan}, "below 1"),
     ],
 )
@@ -237,7 +243,15 @@ def test_a_wrong_damage_type_or_parameter_is_rejected(
     ("damage", "message"),
     [
         (JammedJoint(joint=2), "has 2 joints"),
-        (MissingToe(half_length=0.3), "below the 0.282843 m"),
+        (JammedJoint(joint="knee"), "'knee' matches no joint and must match one of hip_1, ankle_1"),
+        (JammedJoint(joint="_1"), "'_1' matches 2 joints, hip_1, ankle_1"),
+        (
+            JammedJoint(joint="ankle"),
+            r'ankle_1 would jam at 0° \(at = "zero"\), outside of its range of 30° to 70°; use at = "def',
+        ),
+        (JammedJoint(joint="ankle", at="default"), r"range of 30° to 70°; use \[reset\] keyframe"),
+        (JammedJoint(joint=1, at=71), r"would jam at 71° \(at = 71\).*; use an angle within the range"),
+        (MissingShank(half_length=0.3), "below the 0.282843 m"),
     ],
 )
 def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, message: str) -> None:
@@ -248,27 +262,20 @@ def test_damage_that_does_not_fit_the_limb_is_rejected(damage: DamageType, messa
 @pytest.mark.parametrize(
     ("body", "damage", "message"),
     [
-        ('<joint name="j"/><geom name="toe" type="box" size="1 1 1"/>', MissingToe(0.01), "not a capsule"),
-        ('<joint name="j"/><geom name="toe" type="capsule" size="1 1"/>', JammedJoint(), "no limits"),
+        ('<joint name="j"/><geom name="toe" type="box" size="1 1 1"/>', MissingShank(), "no geom away"),
         (
             '<joint name="j" type="slide" range="0 1"/><geom name="toe" size="1"/>',
             JammedJoint(),
             "not a hinge",
         ),
         (
-            '<joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-            '<geom name="toe" type="capsule" size="1 1"/>',
-            MissingToe(0.01),
-            "<inertial>",
-        ),
-        (
             '<joint name="j"/><frame pos="1 0 0"><geom name="toe" type="capsule" size="1 1"/></frame>',
-            MissingToe(0.01),
+            MissingShank(0.01),
             "<frame>",
         ),
         ('<joint name="k"/><geom name="claw" size="1"/>', JammedJoint(), "no joint 'j'"),
         ('<joint name="j"/><geom name="toe" size="1"/>', WeakMotor(), "no actuator"),
-        ('<joint name="k"/><geom name="claw" size="1"/>', MissingToe(0.01), "no geom 'toe'"),
+        ('<joint name="k"/><geom name="claw" size="1"/>', MissingShank(0.01), "no geom 'toe'"),
     ],
 )
 def test_a_limb_that_cannot_break_in_this_way_is_in_the_error(
@@ -280,147 +287,70 @@ def test_a_limb_that_cannot_break_in_this_way_is_in_the_error(
         damage.apply(spec, limb, 1.0)
 
 
-# A limb of two segments. What is put into {end} hangs on the lower one, 0.4 m long.
-LIMB = """<mujoco><compiler angle="radian"/><worldbody>
-  <body name="torso" pos="0 0 1"><freejoint/><geom size="0.1"/>
-  <site name="hub"/>
-  <body name="limb"><joint name="hip" range="-1 1"/><geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
-    <body name="shank" pos="0.3 0 0"><joint name="knee" axis="0 1 0" range="-1 1" {joint}/>
-      <geom name="toe" type="capsule" fromto="0 0 0 0 0 -0.4" size="0.03"/>
-      <site name="ankle" pos="0 0 -0.4"/>{end}
-    </body></body>
-  <body name="other"><joint name="elbow" range="-1 1"/><geom size="0.05"/><site name="hand"/></body>
-  </body></worldbody>{extra}</mujoco>"""
-ONE = Limb(name="one", body="limb", joints=("hip", "knee"), toe_geom="toe")
-STUMP = MissingToe(half_length=0.01)
-
-
-def limb(end: str = "", extra: str = "", joint: str = "") -> mujoco.MjSpec:
-    return mujoco.MjSpec.from_string(LIMB.format(end=end, extra=extra, joint=joint))
-
-
-def places(spec: mujoco.MjSpec, kind: str, name: str) -> np.ndarray:
-    """Return where something is relative to the knee."""
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    return np.asarray(getattr(data, kind)(name).xpos - data.joint("knee").xanchor)
-
-
-FEET = {
-    "ball": ('<geom name="foot" size="0.05" pos="0 0 -0.4"/>', "geom"),
-    "ball a little further out": ('<geom name="foot" size="0.05" pos="0.02 0 -0.45"/>', "geom"),
-    "box in a body of its own": (
-        '<body pos="0 0 -0.4"><geom name="foot" type="box" size="0.05 0.03 0.01"/></body>',
-        "geom",
-    ),
-    "foot that weighs what an <inertial> says": (
-        '<body name="foot" pos="0 0 -0.4"><inertial pos="0 0 0" mass="0.2" diaginertia="1e-3 1e-3'
-        ' 1e-3"/></body>',
-        "body",
-    ),
-    "capsule across": (
-        '<geom name="foot" type="capsule" fromto="-0.1 0 -0.4 0.1 0 -0.4" size="0.02"/>',
-        "geom",
-    ),
-    "camera mount": ('<site name="foot" pos="0 0 -0.39"/>', "site"),
-}
-
-
-@pytest.mark.parametrize("foot", FEET)
-@pytest.mark.parametrize("severity", [0.5, 1.0])
-def test_a_foot_moves_to_the_end_of_the_stump(foot: str, severity: float) -> None:
-    end, kind = FEET[foot]
-    sound = places(limb(end), kind, "foot")
-    spec = limb(end)
-    STUMP.apply(spec, ONE, severity)
-    lost = severity * (0.4 - 0.02)
-    assert places(spec, kind, "foot") == pytest.approx(sound + np.array([0, 0, lost]), abs=1e-12)
-    assert places(spec, "site", "ankle") == pytest.approx([0, 0, -0.4 + lost], abs=1e-12)
-    healthy_mass, mass = (item.compile().body("shank").subtreemass for item in (limb(end), spec))
-    assert healthy_mass - mass == pytest.approx(1000 * math.pi * 0.03**2 * lost)
-
-
-def test_what_lies_on_the_stump_stays_there() -> None:
-    spec = limb('<geom name="knee" size="0.05" pos="0 0 0.02"/>')
-    STUMP.apply(spec, ONE, 1.0)
-    assert places(spec, "geom", "knee") == pytest.approx([0, 0, 0.02])
-
-
-def test_a_visual_geom_is_hidden() -> None:
-    spec = limb(
-        '<geom name="cover" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2" contype="0" conaffinity="0"'
-        ' mass="0"/>'
-    )
-    STUMP.apply(spec, ONE, 1.0)
-    assert spec.compile().geom("cover").rgba[3] == 0
-
-
-@pytest.mark.parametrize(
-    ("end", "extra", "message"),
-    [
-        (
-            '<geom name="shin" type="box" size="0.04 0.04 0.2" pos="0 0 -0.2"/>',
-            "",
-            "geom shin lies along geom toe",
-        ),
-        (
-            '<body name="shin"><geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.04"/></body>',
-            "",
-            "body shin lies along geom toe",
-        ),
-        (
-            '<body pos="0 0 -0.4"><joint name="heel"/><geom size="0.05"/></body>',
-            "",
-            "joint heel is below geom toe, so that is not the lowest",
-        ),
-        (
-            "",
-            '<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
-            "an equality constraint is attached to body shank",
-        ),
-        (
-            "",
-            '<tendon><spatial name="rope"><site site="hub"/><site site="ankle"/></spatial></tendon>',
-            "tendon rope is attached to body shank",
-        ),
-        (
-            '<frame><geom name="foot" size="0.05" pos="0 0 -0.4"/></frame>',
-            "",
-            "foot at the end of the toe lies in a <frame>",
-        ),
-    ],
-)
-def test_a_toe_that_cannot_break_off_alone_is_rejected(end: str, extra: str, message: str) -> None:
-    spec = limb(end, extra if extra else "<contact/>")
-    with pytest.raises(ConfigError, match=message):
-        STUMP.apply(spec, ONE, 1.0)
-
-
-def test_a_toe_that_carries_nothing_but_is_held_by_a_constraint_is_rejected() -> None:
-    text = LIMB.format(
-        end="",
-        extra='<equality><connect body1="shank" body2="torso" anchor="0 0 -0.4"/></equality>',
-        joint="",
-    )
-    spec = mujoco.MjSpec.from_string(text.replace('<site name="ankle" pos="0 0 -0.4"/>', ""))
-    with pytest.raises(ConfigError, match="an equality constraint is attached to body shank"):
-        STUMP.apply(spec, ONE, 1.0)
-
-
-def test_a_robot_whose_total_mass_is_set_cannot_lose_any() -> None:
-    spec = limb()
-    spec.compiler.settotalmass = 10
-    with pytest.raises(ConfigError, match="settotalmass"):
-        STUMP.apply(spec, ONE, 1.0)
-
-
 def test_a_jammed_joint_stays_in_the_pose_of_the_mjcf() -> None:
     spec = limb(joint='ref="0.5"')
     JammedJoint(joint=1, range_deg=1.0).apply(spec, ONE, 1.0)
     model = spec.compile()
     assert model.joint("knee").range == pytest.approx([0.5 - math.radians(1), 0.5 + math.radians(1)])
     assert model.joint("knee").qpos0 == pytest.approx(0.5)
+
+
+# qpos: the free joint, hip, knee, elbow.
+HOME = '<keyframe><key name="home" qpos="0 0 1 1 0 0 0 0.1 -0.75 0.3"/><key name="flat"/></keyframe>'
+
+
+@pytest.mark.parametrize("unit", ["radian", "degree"])
+def test_a_joint_jams_in_the_default_pose_of_the_robot(unit: str) -> None:
+    text = LIMB.format(end="", extra=HOME, joint="").replace("radian", unit)
+    spec = mujoco.MjSpec.from_string(
+        text.replace('range="-1 1"', 'range="-57 57"') if unit == "degree" else text
+    )
+    JammedJoint(joint=1, range_deg=1.0, at="default").apply(spec, replace(ONE, keyframe="home"), 1.0)
+    model = spec.compile()
+    assert model.joint("knee").range == pytest.approx([-0.75 - math.radians(1), -0.75 + math.radians(1)])
+
+
+def test_without_positions_of_its_own_the_default_pose_is_the_reference_pose() -> None:
+    for keyframe in (None, "flat"):
+        spec = limb(extra=HOME, joint='ref="0.5"')
+        JammedJoint(joint=1, range_deg=1.0, at="default").apply(spec, replace(ONE, keyframe=keyframe), 1.0)
+        middle = spec.compile().joint("knee").range.mean()
+        assert middle == pytest.approx(0.5)
+
+
+def test_a_keyframe_that_does_not_exist_is_rejected() -> None:
+    with pytest.raises(ConfigError, match=r"no keyframe 'stand'.*expected one of 'home', 'flat'"):
+        JammedJoint(at="default").apply(limb(extra=HOME), replace(ONE, keyframe="stand"), 1.0)
+
+
+def test_the_default_pose_is_the_keyframe_of_the_robot_toml() -> None:
+    robot = load_robot("ant")
+    spec = {**robot.spec, "reset": {**robot.spec["reset"], "keyframe": "home"}}
+    assert {limb.keyframe for limb in replace(robot, spec=spec).limbs} == {"home"}
+    assert {limb.keyframe for limb in robot.limbs} == {None}
+
+
+def test_a_joint_is_selected_by_an_expression_in_its_name() -> None:
+    robot = load_robot("hexapod")
+    for number, limb_ in enumerate(robot.limbs):
+        by_name = damaged(robot, JammedJoint(joint="femur"), number)
+        by_index = damaged(robot, JammedJoint(joint=1), number)
+        assert "femur" in limb_.joints[1]
+        assert numeric_differences(by_name, by_index) == set()
+
+
+def test_a_hinge_without_limits_receives_some() -> None:
+    text = LIMB.format(end="", extra="<contact/>", joint="").replace(
+        'axis="0 1 0" range="-1 1"', 'axis="0 1 0"'
+    )
+    sound, spec = mujoco.MjModel.from_xml_string(text), mujoco.MjSpec.from_string(text)
+    JammedJoint(joint=1, range_deg=2.0, at=30).apply(spec, ONE, 0.75)
+    model = spec.compile()
+    assert not sound.joint("knee").limited
+    assert model.joint("knee").limited
+    # A quarter of ±180°, and three quarters of ±2°, around 30°.
+    assert np.rad2deg(model.joint("knee").range) == pytest.approx([30 - 46.5, 30 + 46.5])
+    assert numeric_differences(sound, model) == {"jnt_range", "jnt_limited"}
 
 
 TENDON = """<tendon><fixed name="cord">
@@ -430,6 +360,7 @@ MOTORS = {
     "joint": '<actuator><motor joint="knee" gear="3"/></actuator>',
     "joint in the frame of its parent": '<actuator><motor jointinparent="knee" gear="3"/></actuator>',
     "fixed tendon": f'{TENDON}<actuator><position tendon="cord" kp="7" kv="1"/></actuator>',
+    "servo with a damping ratio": '<actuator><position joint="knee" kp="7" dampratio="0.8"/></actuator>',
     "spatial tendon to the torso": f'{ROPE}<actuator><motor tendon="rope" gear="9"/></actuator>',
     "site": '<actuator><motor site="ankle" gear="1 2 3 0 0 0"/></actuator>',
     "site seen from the torso": (
@@ -460,11 +391,65 @@ def test_a_weak_motor_gives_its_share_by_whatever_it_moves_the_limb(kind: str, j
         assert forces[1] == pytest.approx(0.25 * forces[0], rel=1e-9, abs=1e-15)
 
 
+@pytest.mark.parametrize("type_", [WeakMotor(strength=0.25, joint="knee"), WeakMotor(0.25, joint=1)])
+def test_the_motor_of_one_joint_weakens_alone(type_: WeakMotor) -> None:
+    cord = '<tendon><fixed name="cord"><joint joint="knee" coef="2"/></fixed></tendon>'
+    motors = (
+        f'{cord}<actuator><motor joint="hip" gear="2"/><motor joint="knee" gear="3"/>'
+        '<position joint="elbow" kp="5"/><position tendon="cord" kp="7" forcerange="-2 2"/></actuator>'
+    )
+    spec = limb(extra=motors)
+    type_.apply(spec, ONE, 1.0)
+    forces = []
+    for model in (limb(extra=motors).compile(), spec.compile()):
+        data = mujoco.MjData(model)
+        data.ctrl[:], data.qpos[7:] = [0.7, -0.4, 0.3, 0.2], [0.1, -0.2, 0.3]
+        mujoco.mj_forward(model, data)
+        forces.append(data.actuator_force.copy())
+    assert forces[1] == pytest.approx(forces[0] * [1, 0.25, 1, 0.25], rel=1e-12)
+    assert forces[0][3] == 2  # at its limit
+
+
+def test_a_joint_without_a_motor_of_its_own_cannot_weaken_alone() -> None:
+    pair = f'{TENDON}<actuator><motor name="pull" tendon="cord"/></actuator>'
+    with pytest.raises(ConfigError, match="pull moves joint knee together with hip; leave out"):
+        WeakMotor(joint="knee").apply(limb(extra=pair), ONE, 1.0)
+    with pytest.raises(ConfigError, match="limb one: joint knee has no actuator"):
+        DeadMotor(joint=1).apply(limb(extra='<actuator><motor joint="hip"/></actuator>'), ONE, 1.0)
+
+
+def test_a_limb_with_dead_motors_moves_like_one_without_motors() -> None:
+    motors = """<actuator><position joint="hip" kp="20" kv="1" forcerange="-9 9"/>
+      <motor joint="knee" gear="3"/><position joint="elbow" kp="5"/></actuator>"""
+    joint = 'damping="0.2" frictionloss="0.1" stiffness="0.5" armature="0.01"'
+    spec = limb(extra=motors, joint=joint)
+    DeadMotor().apply(spec, ONE, 1.0)
+    without = '<actuator><position joint="elbow" kp="5"/></actuator>'
+    models = (spec.compile(), limb(extra=without, joint=joint).compile())
+    ends = []
+    for model, ctrl in zip(models, ([0.5, -0.9, 0.3], [0.3]), strict=True):
+        data = mujoco.MjData(model)
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, nstep=200)
+        ends.append(data.qpos.copy())
+    assert ends[0] == pytest.approx(ends[1], rel=1e-12, abs=1e-12)
+
+
+def test_a_motor_that_is_half_dead_is_a_weak_one() -> None:
+    robot = load_robot("hexapod")
+    dead, weak = (damaged(robot, type_, 2, 0.5) for type_ in (DeadMotor("tibia"), WeakMotor(0.0, "tibia")))
+    assert numeric_differences(dead, weak) == set()
+    half = damaged(robot, WeakMotor(0.5, 2), 2)
+    assert numeric_differences(dead, half) == set()
+    changed = np.flatnonzero(np.any(dead.actuator_gainprm != healthy(robot).actuator_gainprm, axis=1))
+    assert [dead.actuator(int(index)).name for index in changed] == [robot.limbs[2].joints[2]]
+
+
 def test_a_dead_motor_gives_nothing_whatever_its_limits() -> None:
     motor = '<motor joint="knee" gear="5" forcelimited="true" forcerange="-3 3"/>'
     limited = 'actuatorfrclimited="true" actuatorfrcrange="-2 2"'
     spec = limb(extra=f"<actuator>{motor}</actuator>", joint=limited)
-    WeakMotor(strength=0.0).apply(spec, ONE, 1.0)
+    DeadMotor().apply(spec, ONE, 1.0)
     model = spec.compile()
     data = mujoco.MjData(model)
     data.ctrl[:] = 1.0

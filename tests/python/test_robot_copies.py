@@ -162,9 +162,18 @@ def test_everything_that_a_damage_code_means_is_recorded() -> None:
         "types": ["weak_motor", "jammed_joint"],
         "max_damaged_limbs": 2,
         "severity": 0.5,
-        "weak_motor": {"strength": dappo_batch.damage.WeakMotor().strength},
-        "jammed_joint": {"joint": 1, "range_deg": 0.1},
+        "weak_motor": {"strength": 0.5, "joint": None},
+        "jammed_joint": {"joint": 1, "range_deg": 0.1, "at": "zero"},
     }
+
+
+def test_a_record_without_parameters_that_were_added_later_is_still_valid(tmp_path: Path) -> None:
+    copy = RobotCopy.of("ant", {})
+    old = dataclasses.replace(copy, damage={**copy.damage, "jammed_joint": {"joint": 0, "range_deg": 0.1}})
+    assert old.differences(copy) == []
+    other = {**copy.damage, "jammed_joint": {"joint": 0, "range_deg": 0.1, "at": "default"}}
+    (change,) = old.damage_changes(other)
+    assert change.endswith('damage.jammed_joint.at: "zero" → "default"')
 
 
 def edit(path: Path, old: str, new: str) -> None:

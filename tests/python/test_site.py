@@ -60,7 +60,7 @@ def test_the_reference_describes_every_public_module(site: Path) -> None:
     }
     assert undescribed == {"RenderError"}  # it is in `dappo_batch`
     for name in (
-        "damage.MissingToe",
+        "damage.MissingShank",
         "report.write",
         "sweeps.Cell",
         "sweeps.ray.RayExecutor",

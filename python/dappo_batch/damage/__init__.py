@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from dappo_batch._checks import shown
 from dappo_batch._core import ConfigError
 from dappo_batch.damage.base import DamageType
+from dappo_batch.damage.dead_motor import DeadMotor
 from dappo_batch.damage.jammed_joint import JammedJoint
-from dappo_batch.damage.missing_toe import MissingToe
+from dappo_batch.damage.missing_limb import MissingLimb
+from dappo_batch.damage.missing_shank import MissingShank
 from dappo_batch.damage.weak_motor import WeakMotor
 
 if TYPE_CHECKING:
@@ -19,21 +21,36 @@ if TYPE_CHECKING:
 __all__ = [
     "DAMAGE_TYPES",
     "DamageType",
+    "DeadMotor",
     "JammedJoint",
-    "MissingToe",
+    "MissingLimb",
+    "MissingShank",
     "WeakMotor",
+    "default_options",
     "make_damage_type",
     "register_damage_type",
 ]
 
-DAMAGE_TYPES: dict[str, type[DamageType]] = {kind.name: kind for kind in (JammedJoint, MissingToe, WeakMotor)}
-"""Damage types by name; `register_damage_type` adds to them."""
+DAMAGE_TYPES: dict[str, type[DamageType]] = {
+    "jammed_joint": JammedJoint,
+    "missing_shank": MissingShank,
+    "missing_toe": MissingShank,
+    "missing_limb": MissingLimb,
+    "weak_motor": WeakMotor,
+    "dead_motor": DeadMotor,
+}
+"""Damage types by name; `register_damage_type` adds to them. ``missing_toe`` is another name of
+``missing_shank``, that of the robots of the paper."""
 
 _FIELD_TYPES: dict[str, tuple[type, ...]] = {
     "int": (int,),
     "float": (int, float),
     "bool": (bool,),
     "str": (str,),
+    "int | str": (int, str),
+    "int | str | None": (int, str),
+    "str | float": (str, int, float),
+    "float | None": (int, float),
 }
 
 
@@ -95,6 +112,12 @@ def register_damage_type(kind: _Kind) -> _Kind:
         )
     DAMAGE_TYPES[name] = kind
     return kind
+
+
+def default_options(name: str) -> dict[str, Any]:
+    """Return the parameters of a damage type that have a default; those of an unknown type are empty."""
+    known = fields(cast("Any", DAMAGE_TYPES[name])) if name in DAMAGE_TYPES else ()
+    return {field.name: field.default for field in known if field.default is not MISSING}
 
 
 def make_damage_type(name: str, options: Mapping[str, Any]) -> DamageType:

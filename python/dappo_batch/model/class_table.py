@@ -263,6 +263,10 @@ def _damage_types(
         except ConfigError as error:
             faults.append(str(error))
     raise_faults(f"robot {robot.name}", faults)
+    by_class: dict[type[DamageType], str] = {}
+    for name, kind in kinds.items():
+        if (other := by_class.setdefault(type(kind), name)) != name:
+            raise ConfigError(f"the damage types {other} and {name} are two names of the same; list one")
     return kinds
 
 

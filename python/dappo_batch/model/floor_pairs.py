@@ -7,15 +7,14 @@ geoms, with the parameters that MuJoCo would mix.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from dappo_batch.robots.contact_masks import is_static, masks_match, touches_itself
 
-__all__ = ["is_static", "make_floor_contacts_explicit", "masks_match", "touches_itself"]
+__all__ = ["make_floor_contacts_explicit"]
 
 
 class _ContactParameters(NamedTuple):
@@ -91,15 +90,6 @@ def make_floor_contacts_explicit(spec: mujoco.MjSpec) -> bool:
     return True
 
 
-def is_static(body: mujoco.MjsBody) -> bool:
-    """Return whether a body cannot move: neither it nor any body above it has a joint."""
-    while body.name != "world":
-        if body.joints:
-            return False
-        body = body.parent
-    return True
-
-
 def _is_root(body: mujoco.MjsBody) -> bool:
     """Return whether a body is the root of a kinematic tree: it can move and no body above it can."""
     return not is_static(body) and is_static(body.parent)
@@ -112,11 +102,6 @@ def _is_special(geom: mujoco.MjsGeom) -> bool:
     return is_odd or not geom.margin >= 0
 
 
-def masks_match(a: mujoco.MjsGeom, b: mujoco.MjsGeom) -> bool:
-    """Return whether the masks of two geoms allow their contact."""
-    return bool(a.contype & b.conaffinity or b.contype & a.conaffinity)
-
-
 def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:
     """Return whether an exclusion forbids a contact that the masks of floor and robot allow."""
     one, other = spec.body(exclude.bodyname1), spec.body(exclude.bodyname2)
@@ -125,13 +110,6 @@ def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:
     if is_static(one) == is_static(other):
         return False
     return any(masks_match(a, b) for a in one.geoms for b in other.geoms)
-
-
-def touches_itself(geoms: Sequence[mujoco.MjsGeom]) -> bool:
-    """Return whether the masks of some geoms allow contacts between them."""
-    # There are few different masks, however many geoms there are.
-    masks = {(geom.contype, geom.conaffinity) for geom in geoms}
-    return any(a[0] & b[1] for a in masks for b in masks)
 
 
 def _parameters(geom: mujoco.MjsGeom) -> _ContactParameters:

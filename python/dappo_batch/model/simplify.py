@@ -10,10 +10,10 @@ import mujoco
 
 from dappo_batch._checks import listed
 from dappo_batch.model.edits import EditLog
-from dappo_batch.model.floor_pairs import is_static, masks_match, touches_itself
 from dappo_batch.model.overrides import apply_overrides, can_collide, geom_label
 from dappo_batch.results import Edit
 from dappo_batch.robots import Robot
+from dappo_batch.robots.contact_masks import is_static, masks_match, touches_itself
 from dappo_batch.robots.faults import raise_faults
 
 __all__ = ["INTEGRATORS", "simplify"]

@@ -50,13 +50,15 @@ class Limb:
     joints : tuple of str
         Joints from the torso outwards.
     toe_geom : str or None
-        Geom of the lowest segment, needed only for the damage type ``missing_toe``, which shortens it.
+        Geom of the lowest segment, which the damage type ``missing_shank`` shortens; without one it is found.
     touch : str or None
         Touch sensor of the limb.
     touch_site : str or None
         Site of the touch sensor; it is shortened together with the toe.
     foot : str or None
         Geom or site whose centre is the foot, for the terms of a task that refer to feet.
+    keyframe : str or None
+        Keyframe of the MJCF with the default pose of the robot, ``[reset] keyframe`` of the robot TOML.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Limb:
     touch: str | None = None
     touch_site: str | None = None
     foot: str | None = None
+    keyframe: str | None = None
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,8 @@ class Robot:
     @cached_property
     def limbs(self) -> tuple[Limb, ...]:
         """Limbs in ring order."""
-        return tuple(map(_limb, self.spec["limbs"]))
+        keyframe = self.spec["reset"].get("keyframe")
+        return tuple(_limb(entry, keyframe) for entry in self.spec["limbs"])
 
     @property
     def damage_types(self) -> tuple[str, ...]:
@@ -217,5 +221,5 @@ def _read(path: Path, kind: str = "robot") -> str:
         raise ConfigError(f"cannot read the {kind} TOML {path}: {error}") from error
 
 
-def _limb(entry: dict[str, Any]) -> Limb:
-    return Limb(**{**entry, "joints": tuple(entry["joints"])})
+def _limb(entry: dict[str, Any], keyframe: str | None) -> Limb:
+    return Limb(**{**entry, "joints": tuple(entry["joints"])}, keyframe=keyframe)

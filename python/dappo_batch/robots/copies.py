@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 from dappo_batch._core import CheckpointError, ConfigError, read_file
-from dappo_batch.damage import make_damage_type
+from dappo_batch.damage import default_options, make_damage_type
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, quiet_mujoco
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import raise_faults
@@ -192,7 +192,12 @@ class RobotCopy:
 
     def damage_changes(self, settings: Mapping[str, Any]) -> list[str]:
         """Describe the differences of other settings of the damage; see `damage_settings`."""
-        return [f"{_name(self.origin)}: {change}" for change in _changes(self.damage, settings, "damage")]
+        # The record of an earlier version lacks parameters that were added since, with their defaults.
+        recorded = {
+            key: {**default_options(key), **value} if isinstance(value, Mapping) else value
+            for key, value in self.damage.items()
+        }
+        return [f"{_name(self.origin)}: {change}" for change in _changes(recorded, settings, "damage")]
 
     @property
     def spec(self) -> dict[str, Any]:
