@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -563,3 +565,57 @@ def test_what_cannot_be_a_damage_type_is_rejected(make: Callable[[], type[Damage
     with pytest.raises(ConfigError, match=message):
         register_damage_type(make())
     assert before == dappo_batch.damage.DAMAGE_TYPES
+
+
+OWN_TYPE = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+import dappo_batch
+
+
+@dappo_batch.register_damage_type
+@dataclass(frozen=True)
+class StiffJoints(dappo_batch.DamageType):
+    stiffness: float = 3.0
+    name: ClassVar[str] = "stiff_joints"
+
+    def apply(self, spec, limb, severity):
+        for name in limb.joints:
+            spec.joint(name).stiffness[0] = severity * self.stiffness
+"""
+
+
+def test_damage_types_of_a_users_module_work_in_every_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stiff.py").write_text(OWN_TYPE)
+    robot = load_robot("ant")
+    text = robot.toml_text.replace('types = ["jammed_joint", "missing_toe"]', 'types = ["stiff_joints"]\nmodules = ["stiff"]')
+    (tmp_path / "ant.toml").write_text(text)
+    (tmp_path / "ant.xml").write_bytes(robot.mjcf_path.read_bytes())
+    settings = ["--envs", "4", "--steps", "512", "--set", "horizon=64", "ppo.hidden=[8]", "evaluation.episodes=1"]
+    own, set_ = tmp_path / "own", tmp_path / "set"
+    commands = [
+        ["check", "ant.toml"],
+        ["classes", "--robot", "ant.toml"],
+        ["train", "--robot", "ant.toml", *settings, "--run", str(own)],
+        ["evaluate", str(own)],
+        # By the configuration, on a robot of the package.
+        ["train", "--robot", "ant", *settings, 'damage.types=["stiff_joints"]', 'damage.modules=["stiff"]', "--run", str(set_)],
+        ["evaluate", str(set_)],
+    ]
+    outputs = [run_in(tmp_path, *command) for command in commands]
+    assert all("stiff_joints@3" in output for output in outputs[1::2])
+    (tmp_path / "stiff.py").unlink()
+    assert "cannot import the module 'stiff'" in run_in(tmp_path, "evaluate", str(own), code=1)
+
+
+def run_in(folder: Path, *arguments: str, code: int = 0) -> str:
+    """Run the command line in a folder, in a process without the types of this one."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dappo_batch", *arguments], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
