@@ -23,6 +23,8 @@ class TermBatch:
 
     Attributes
     ----------
+    dt : float
+        Duration of an env step, s.
     qpos : float64[N, nq]
         Generalised positions, m and rad, in MuJoCo's order.
     qvel : float64[N, nv]
@@ -33,16 +35,14 @@ class TermBatch:
         Commands of the next step (m/s, m/s, rad/s); C is 0 for a task without commands.
     damage_class : int64[N]
         Active damage classes.
-    dt : float
-        Duration of an env step, s.
     """
 
+    dt: float
     qpos: NDArray[np.float64]
     qvel: NDArray[np.float64]
     actions: NDArray[np.float32]
     command: NDArray[np.float64]
     damage_class: NDArray[np.int64]
-    dt: float
 
 
 Term: TypeAlias = Callable[[TermBatch], NDArray[Any]]
@@ -64,8 +64,8 @@ def import_module(name: str) -> Any:  # noqa: ANN401 - a module has any attribut
         return importlib.import_module(name)
     except Exception as error:
         raise ConfigError(
-            f"cannot import the module {name!r}: {type(error).__name__}: {error}; modules are looked for in the"
-            " current folder and on PYTHONPATH"
+            f"cannot import the module {name!r}: {type(error).__name__}: {error}; modules are looked for in"
+            " the current folder and on PYTHONPATH"
         ) from error
     finally:
         if added and folder in sys.path:
@@ -104,7 +104,7 @@ class PythonTerms:
 
     def observe(self, *arrays: NDArray[Any]) -> list[NDArray[np.float32]]:
         """Return the terms of the observation, [N, size] each; `arrays` are those of `TermBatch`."""
-        batch = TermBatch(*arrays, self._dt)
+        batch = TermBatch(self._dt, *arrays)
         return [
             _checked(name, term(batch), (len(batch.qpos), size), np.float32)
             for name, size, term in self._observations
@@ -112,7 +112,7 @@ class PythonTerms:
 
     def judge(self, *arrays: NDArray[Any]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.bool_]]]:
         """Return the terms of the reward and of the terminations, [N] each."""
-        batch = TermBatch(*arrays, self._dt)
+        batch = TermBatch(self._dt, *arrays)
         shape = (len(batch.qpos),)
         rewards = [_checked(name, term(batch), shape, np.float64) for name, term in self._rewards]
         failures = [_checked(name, term(batch), shape, np.bool_) for name, term in self._terminations]
@@ -123,14 +123,20 @@ def _function(name: str) -> Term:
     module, _, attribute = name.partition(":")
     found = getattr(import_module(module), attribute, None)
     if not callable(found):
-        raise ConfigError(f"the module {module!r} has no function {attribute!r}, which a term of the task needs")
+        raise ConfigError(
+            f"the module {module!r} has no function {attribute!r}, which a term of the task needs"
+        )
     term: Term = found
     return term
 
 
 def _checked(name: str, value: object, shape: tuple[int, ...], kind: type[Any]) -> NDArray[Any]:
     array = np.asarray(value)
-    if array.shape != shape or (kind is np.bool_) != (array.dtype == np.bool_) or array.dtype.kind not in "biuf":
+    if (
+        array.shape != shape
+        or (kind is np.bool_) != (array.dtype == np.bool_)
+        or array.dtype.kind not in "biuf"
+    ):
         what = "booleans" if kind is np.bool_ else "numbers"
         raise ConfigError(
             f"the term {name} returned shape {array.shape} of {array.dtype}, expected {what} of shape {shape}"

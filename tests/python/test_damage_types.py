@@ -592,10 +592,21 @@ def test_damage_types_of_a_users_module_work_in_every_command(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "stiff.py").write_text(OWN_TYPE)
     robot = load_robot("ant")
-    text = robot.toml_text.replace('types = ["jammed_joint", "missing_toe"]', 'types = ["stiff_joints"]\nmodules = ["stiff"]')
+    text = robot.toml_text.replace(
+        'types = ["jammed_joint", "missing_toe"]', 'types = ["stiff_joints"]\nmodules = ["stiff"]'
+    )
     (tmp_path / "ant.toml").write_text(text)
     (tmp_path / "ant.xml").write_bytes(robot.mjcf_path.read_bytes())
-    settings = ["--envs", "4", "--steps", "512", "--set", "horizon=64", "ppo.hidden=[8]", "evaluation.episodes=1"]
+    settings = [
+        "--envs",
+        "4",
+        "--steps",
+        "512",
+        "--set",
+        "horizon=64",
+        "ppo.hidden=[8]",
+        "evaluation.episodes=1",
+    ]
     own, set_ = tmp_path / "own", tmp_path / "set"
     commands = [
         ["check", "ant.toml"],
@@ -603,7 +614,16 @@ def test_damage_types_of_a_users_module_work_in_every_command(
         ["train", "--robot", "ant.toml", *settings, "--run", str(own)],
         ["evaluate", str(own)],
         # By the configuration, on a robot of the package.
-        ["train", "--robot", "ant", *settings, 'damage.types=["stiff_joints"]', 'damage.modules=["stiff"]', "--run", str(set_)],
+        [
+            "train",
+            "--robot",
+            "ant",
+            *settings,
+            'damage.types=["stiff_joints"]',
+            'damage.modules=["stiff"]',
+            "--run",
+            str(set_),
+        ],
         ["evaluate", str(set_)],
     ]
     outputs = [run_in(tmp_path, *command) for command in commands]
@@ -615,7 +635,11 @@ def test_damage_types_of_a_users_module_work_in_every_command(
 def run_in(folder: Path, *arguments: str, code: int = 0) -> str:
     """Run the command line in a folder, in a process without the types of this one."""
     done = subprocess.run(
-        [sys.executable, "-m", "dappo_batch", *arguments], cwd=folder, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "dappo_batch", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == code, done.stderr
     return done.stdout + done.stderr

@@ -196,8 +196,8 @@ def _link(model: mujoco.MjModel, body: int) -> Link:
     hinge, count, joint = None, int(model.body_jntnum[body]), int(model.body_jntadr[body])
     if count > 1 or (count == 1 and int(model.jnt_type[joint]) != int(_HINGE)):
         raise ConfigError(
-            f"foot: body {model.body(body).name} has {count} joints; between the root and a foot, each body has"
-            " at most one, a hinge"
+            f"foot: body {model.body(body).name} has {count} joints; between the root and a foot, each body"
+            " has at most one, a hinge"
         )
     if count == 1:
         qpos = int(model.jnt_qposadr[joint])

@@ -137,8 +137,8 @@ class Estimate(Result):
 class Gain(Result):
     """Difference between two learners, averaged over damage classes.
 
-    ``absolute`` is the difference of the means of what the learners are compared by; ``relative`` their ratio minus 1, or None if the other
-    mean is not above 0 in every resample.
+    ``absolute`` is the difference of the means of what the learners are compared by; ``relative`` their
+    ratio minus 1, or None if the other mean is not above 0 in every resample.
     """
 
     classes: int

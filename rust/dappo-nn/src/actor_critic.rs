@@ -45,12 +45,7 @@ impl ActorCritic {
         let log_std = TensorData::new(vec![initial_log_std as f32; action_dim], [action_dim]);
         Self {
             policy: GaussianPolicy {
-                mean: Mlp::new(
-                    &sizes(obs_dim - privileged, action_dim),
-                    POLICY_OUTPUT_GAIN,
-                    normal,
-                    device,
-                ),
+                mean: Mlp::new(&sizes(obs_dim - privileged, action_dim), POLICY_OUTPUT_GAIN, normal, device),
                 log_std: Param::from_data(log_std, device),
             },
             value: Mlp::new(&sizes(obs_dim, 1), 1.0, normal, device),

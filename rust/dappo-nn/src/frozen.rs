@@ -104,6 +104,7 @@ impl FrozenActorCritic {
 
 /// Rows without their privileged entries: the first `obs_dim` of each and the damage code. `transform` is that of the
 /// whole rows.
+#[must_use]
 pub fn unprivileged<'a>(rows: &'a [f32], transform: &InputTransform, obs_dim: usize) -> Cow<'a, [f32]> {
     if obs_dim == transform.obs_dim() {
         return Cow::Borrowed(rows);

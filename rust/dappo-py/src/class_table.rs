@@ -212,14 +212,18 @@ impl<'py> ClassTable<'py> {
             field("actuator_force")?,
             main_body_xpos,
         ];
-        let models = if varies { self.object.call_method0("worker_models")? } else { PyList::empty(data.py()).into_any() };
+        let models = if varies {
+            self.object.call_method0("worker_models")?
+        } else {
+            PyList::empty(data.py()).into_any()
+        };
         let varied = models.try_iter()?.map(|model| varied(&model?)).collect::<PyResult<_>>()?;
         let library = data.py().import("dappo_batch.model.mujoco_library")?;
         let divergences: [usize; 3] = library.call_method1("divergence_counters", (data,))?.extract()?;
         let address: usize = data.getattr("_address")?.extract()?;
-        // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
-        // which the owner keeps alive.
         let owner = Box::new((data.clone().unbind(), models.unbind()));
+        // SAFETY: the arrays are views into this MjData, which Python has just made for this worker alone and
+        // which the owner keeps alive, with the models.
         Ok(unsafe { WorkerFields::new(address, fields, varied, divergences, owner) })
     }
 }

@@ -121,14 +121,8 @@ impl TableFactory {
         physics: Physics,
         training: bool,
     ) -> Result<Box<dyn Backend>, SimError> {
-        let options = BackendOptions {
-            reward,
-            training,
-            num_envs,
-            threads: self.threads,
-            physics,
-            room: self.room,
-        };
+        let options =
+            BackendOptions { reward, training, num_envs, threads: self.threads, physics, room: self.room };
         Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
                 .and_then(|table| table.backend(&self.lanes, options))

@@ -47,7 +47,8 @@ impl PythonTerms {
         let (nq, nv) = (task.layout().nq, task.layout().nv);
         let (mut qpos, mut qvel) = (vec![0.0; envs * nq], vec![0.0; envs * nv]);
         self.inner.state(&mut qpos, &mut qvel)?;
-        let command: Vec<f64> = (0..envs).flat_map(|env| task.command(self.inner.memory(env)).to_vec()).collect();
+        let command: Vec<f64> =
+            (0..envs).flat_map(|env| task.command(self.inner.memory(env)).to_vec()).collect();
         let classes: Vec<i64> = self.classes.iter().map(|&class| class as i64).collect();
         Python::attach(|py| {
             let call = || {

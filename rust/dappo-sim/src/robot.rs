@@ -241,7 +241,8 @@ impl Robot {
 
 /// A regular expression that has to match a name as a whole, or what is wrong with it.
 pub(crate) fn pattern(text: &str) -> Result<Regex, String> {
-    Regex::new(&format!("^(?:{text})$")).map_err(|error| format!("{text:?} is not a regular expression: {error}"))
+    Regex::new(&format!("^(?:{text})$"))
+        .map_err(|error| format!("{text:?} is not a regular expression: {error}"))
 }
 
 #[cfg(test)]

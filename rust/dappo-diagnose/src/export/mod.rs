@@ -38,8 +38,8 @@ use crate::controller::{ControllerConfig, Skills};
 
 pub(crate) use header::last_name;
 pub use header::{
-    ActuatorHeader, ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader, RunSource,
-    Sources, TwinHeader,
+    ActuatorHeader, ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader,
+    RunSource, Sources, TwinHeader,
 };
 pub use run::ExportedRun;
 use tensors::{Reader, Tensors};

@@ -39,8 +39,7 @@ impl RolloutEngine for HostEngine {
     ) -> Result<Rollout> {
         let (num_envs, action_dim) = (self.env.num_envs(), self.env.action_dim());
         let env = &mut self.env;
-        let mut rollout =
-            Rollout::new(self.horizon, num_envs, action_dim, networks.transform().clone());
+        let mut rollout = Rollout::new(self.horizon, num_envs, action_dim, networks.transform().clone());
         for step in 0..self.horizon {
             let noise = action_noise(&self.noise_keys, first_step + step as u64, action_dim);
             let decision = networks.act(&env.buffers().obs, &noise)?;

@@ -208,17 +208,8 @@ impl Comparison {
     #[must_use]
     pub fn class_table(&self) -> String {
         let [score, other_score] = self.summary.compared_by.columns();
-        let columns = [
-            "class",
-            "name",
-            "group",
-            score,
-            other_score,
-            "difference",
-            "better",
-            "seeds",
-            "other_seeds",
-        ];
+        let columns =
+            ["class", "name", "group", score, other_score, "difference", "better", "seeds", "other_seeds"];
         let (seeds, other_seeds) = (self.summary.runs.seeds.len(), self.summary.others.seeds.len());
         let row = |c: &ClassComparison| {
             vec![
@@ -243,8 +234,7 @@ fn nothing_to_compare() -> LearnError {
 
 /// What the policies are compared by, `[seeds][classes]`.
 fn scores(runs: &[RunEvaluation]) -> Vec<Vec<f64>> {
-    let of_run =
-        |run: &RunEvaluation| run.evaluation.classes.iter().map(ClassResult::score).collect();
+    let of_run = |run: &RunEvaluation| run.evaluation.classes.iter().map(ClassResult::score).collect();
     runs.iter().map(of_run).collect()
 }
 

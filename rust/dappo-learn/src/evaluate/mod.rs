@@ -15,7 +15,9 @@ use crate::statistics::{mean, standard_error};
 use crate::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 
 pub use bootstrap::{Estimate, Gain};
-pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Score, Side};
+pub use comparison::{
+    ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Score, Side,
+};
 pub use conditions::{Conditions, check_seeds};
 pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
 pub use text::seeds_text;
@@ -42,9 +44,11 @@ pub fn evaluate(
     let Some(walks) = trial.run(&mut agent, config, factory, stop)? else { return Ok(None) };
     let episodes = walks.episodes.chunks_exact(trial.episodes);
     let period = factory.control_period();
-    let commanded = factory.robot().commands.velocity.map(|_| {
-        config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps)
-    });
+    let commanded = factory
+        .robot()
+        .commands
+        .velocity
+        .map(|_| config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps));
     let results = space.classes().iter().zip(episodes);
     let results = results.map(|(class, episodes)| summarize(class, episodes, period, commanded));
     let simulator = factory.simulator(factory.evaluation_physics());
@@ -72,8 +76,7 @@ fn summarize(
         forward_velocity: forward.iter().sum::<f64>() / steps as f64,
         distance: forward_reward * control_period,
         // What an episode misses by its failure is not tracked.
-        tracking: commanded
-            .map(|steps| mean(episodes.iter().map(|episode| episode.tracking / steps as f64))),
+        tracking: commanded.map(|steps| mean(episodes.iter().map(|episode| episode.tracking / steps as f64))),
         episode_return: mean(episodes.iter().map(|episode| episode.episode_return)),
         episode_length: mean(episodes.iter().map(|episode| episode.steps as f64)),
         falls: episodes.iter().filter(|episode| episode.fell).count(),

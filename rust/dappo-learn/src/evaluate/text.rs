@@ -364,7 +364,10 @@ mod tests {
         assert_eq!(tracked.text(), expected);
         assert_eq!(tracked.mean_score(), 0.5);
         let line = tracked.class_table();
-        assert!(line.starts_with("class,name,group,") && line.contains(",diverged,tracking,backend"), "{line}");
+        assert!(
+            line.starts_with("class,name,group,") && line.contains(",diverged,tracking,backend"),
+            "{line}"
+        );
         let mut comparison = comparison();
         comparison.compared_by = Score::Tracking;
         (comparison.runs.tracking, comparison.others.tracking) = (Some(0.5), Some(0.25));

@@ -50,12 +50,7 @@ impl Ppo {
     ///
     /// Weights and shuffles are functions of `seed`. `device` is where networks are computed; autodiff
     /// is added here.
-    pub fn new(
-        config: &PpoConfig,
-        sizes: Sizes,
-        seed: u64,
-        device: &Device,
-    ) -> Result<Self> {
+    pub fn new(config: &PpoConfig, sizes: Sizes, seed: u64, device: &Device) -> Result<Self> {
         config.check()?;
         let device = device.clone().without_autodiff();
         let mut stream = Stream::new(seed, 0, Purpose::Weights);

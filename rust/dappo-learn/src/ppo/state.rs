@@ -172,7 +172,10 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
         }
     }
     if header.obs_dim.saturating_sub(code_length) <= header.privileged || header.action_dim == 0 {
-        return Err(unreadable(&path, "the policy's observation or an action has length 0, expected at least 1"));
+        return Err(unreadable(
+            &path,
+            "the policy's observation or an action has length 0, expected at least 1",
+        ));
     }
     Ok(header)
 }

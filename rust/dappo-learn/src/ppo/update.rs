@@ -30,7 +30,8 @@ impl Ppo {
         self.check(rollout, targets)?;
         let value_batch = ValueBatch::new(rollout, targets)?;
         let privileged = self.actor_critic.privileged();
-        let seen = unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
+        let seen =
+            unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
         let (policy, value_loss) = self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch)?;
         drop(seen);
         self.previous = Some(value_batch);

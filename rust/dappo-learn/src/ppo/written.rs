@@ -169,7 +169,8 @@ mod tests {
     fn networks() -> ActorCritic {
         let mut stream = Stream::new(2, 0, Purpose::Weights);
         let device = Device::flex().autodiff();
-        let mut networks = ActorCritic::new(OBS, 0, &[20, 30], ACTIONS, -0.5, &mut || stream.normal(), &device);
+        let mut networks =
+            ActorCritic::new(OBS, 0, &[20, 30], ACTIONS, -0.5, &mut || stream.normal(), &device);
         // The last layer of a new policy is small; a policy that has learned differs between observations.
         let last = networks.policy.mean.layers.len() - 1;
         let layer = &mut networks.policy.mean.layers[last];

@@ -1,8 +1,8 @@
 //! What of a task the kernels of the backend `warp` compute.
 
+use dappo_sim::SimError;
 use dappo_sim::robot::Robot;
 use dappo_sim::task::{ActionKind, Commands, Curriculum, Events, Measure, ObservationTerm, Quantity, Scale};
-use dappo_sim::SimError;
 
 /// Refuses a robot whose task has something that the kernels lack.
 pub fn check(robot: &Robot) -> Result<(), SimError> {

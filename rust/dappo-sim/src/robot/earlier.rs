@@ -35,7 +35,8 @@ pub(super) fn brought_up_to_date(mut file: Table) -> Table {
         file.insert("reward".into(), Value::Table(reward));
     }
     if let Some(Value::Table(functions)) = file.get_mut("reward") {
-        let lists = functions.iter_mut().filter_map(|(_, function)| function.get_mut("terms")?.as_array_mut());
+        let lists =
+            functions.iter_mut().filter_map(|(_, function)| function.get_mut("terms")?.as_array_mut());
         for term in lists.flatten().filter_map(Value::as_table_mut) {
             if let Some(name) = term.get("term").filter(|_| !term.contains_key("name")).cloned() {
                 term.insert("name".into(), name);

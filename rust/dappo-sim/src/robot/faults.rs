@@ -11,8 +11,8 @@ use toml::{Table, Value};
 use super::entries::{Entries, number, shown};
 use super::simplify::{check_overrides, check_simplify};
 use super::task_faults::{
-    check_actions, check_commands, check_curriculum, check_events, check_observation, check_reward_term, check_rewards,
-    check_terminations,
+    check_actions, check_commands, check_curriculum, check_events, check_observation, check_reward_term,
+    check_rewards, check_terminations,
 };
 
 /// Physics substeps an env step.

@@ -112,7 +112,11 @@ fn check_function(entries: &mut Entries, key: &str, name: &str) {
 }
 
 /// The parameters of a term, or a fault that lists all terms.
-fn parameters(entries: &mut Entries, name: &str, terms: &[(&str, &'static [Parameter])]) -> Option<&'static [Parameter]> {
+fn parameters(
+    entries: &mut Entries,
+    name: &str,
+    terms: &[(&str, &'static [Parameter])],
+) -> Option<&'static [Parameter]> {
     let found = terms.iter().find(|(term, _)| *term == name).map(|(_, parameters)| *parameters);
     if found.is_none() {
         let names: Vec<&str> = terms.iter().map(|(term, _)| *term).collect();
@@ -238,7 +242,8 @@ pub(super) fn check_actions(actions: &Table, found: &mut Vec<String>) {
     for (pattern, scale) in by_pattern.into_iter().flatten() {
         let number = super::entries::number(scale).filter(|number| *number > 0.0 && *number <= LARGEST);
         if number.is_none() {
-            found.push(format!("[actions] scale: {pattern:?} is {}, expected a number above 0", shown(scale)));
+            found
+                .push(format!("[actions] scale: {pattern:?} is {}, expected a number above 0", shown(scale)));
         }
         if let Err(why) = super::pattern(pattern) {
             found.push(format!("[actions] scale: {why}"));

@@ -77,7 +77,9 @@ impl Scale {
             let mut matches = 0;
             for (scale, name) in scales.iter_mut().zip(names).filter(|(_, name)| pattern.is_match(name)) {
                 if scale.replace(*value).is_some() {
-                    return Err(format!("[actions] scale: more than one pattern matches the actuator `{name}`"));
+                    return Err(format!(
+                        "[actions] scale: more than one pattern matches the actuator `{name}`"
+                    ));
                 }
                 matches += 1;
             }

@@ -159,14 +159,8 @@ impl Events {
     /// Whether the physics of the envs differs.
     #[must_use]
     pub fn varies(&self) -> bool {
-        let scaled = [
-            self.friction,
-            self.motor_strength,
-            self.kp,
-            self.kd,
-            self.joint_damping,
-            self.joint_armature,
-        ];
+        let scaled =
+            [self.friction, self.motor_strength, self.kp, self.kd, self.joint_damping, self.joint_armature];
         self.gravity.is_some() || scaled.iter().any(Option::is_some)
     }
 

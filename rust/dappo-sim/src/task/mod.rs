@@ -146,7 +146,12 @@ impl Task {
             critic,
             rewards,
             limits,
-            python_failures: robot.terminations.python.iter().flat_map(|python| python.functions.clone()).collect(),
+            python_failures: robot
+                .terminations
+                .python
+                .iter()
+                .flat_map(|python| python.functions.clone())
+                .collect(),
             needs_feet,
             slots,
             layout: layout.clone(),
@@ -205,7 +210,8 @@ impl Task {
     /// Terms of the observation that Python functions compute: the function, and which entries it writes.
     pub fn python_observations(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
         let critic = self.critic.iter().flat_map(ObservationGroup::blocks);
-        let critic = critic.map(|(term, block)| (term, block.start + self.policy.len()..block.end + self.policy.len()));
+        let critic = critic
+            .map(|(term, block)| (term, block.start + self.policy.len()..block.end + self.policy.len()));
         self.policy.blocks().chain(critic).filter_map(|(term, block)| match &term.quantity {
             Quantity::Python { function, .. } => Some((function.as_str(), block)),
             _ => None,
@@ -477,8 +483,7 @@ impl Task {
     /// Whether observations show all positions, but for x and y of the root, and all velocities.
     #[must_use]
     pub fn is_observed(&self) -> bool {
-        let has =
-            |wanted: fn(&ObservationTerm) -> bool| self.policy.blocks().any(|(term, _)| wanted(term));
+        let has = |wanted: fn(&ObservationTerm) -> bool| self.policy.blocks().any(|(term, _)| wanted(term));
         has(ObservationTerm::shows_positions) && has(ObservationTerm::shows_velocities)
     }
 
@@ -538,7 +543,8 @@ impl<'a> Scene<'a> {
 
 /// The first term that rewards tracking of linear velocities, and its index.
 pub(crate) fn tracking(terms: &[RewardTerm]) -> Option<(usize, &RewardTerm)> {
-    let is_tracking = |term: &RewardTerm| matches!(term.measure, Measure::TrackLinVel { .. }) && term.weight > 0.0;
+    let is_tracking =
+        |term: &RewardTerm| matches!(term.measure, Measure::TrackLinVel { .. }) && term.weight > 0.0;
     terms.iter().enumerate().find(|(_, term)| is_tracking(term))
 }
 

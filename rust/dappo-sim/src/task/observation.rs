@@ -259,8 +259,8 @@ impl Quantity {
                     put(entries, &foot.velocity());
                 }
             }
-            Self::FootHeight => each_foot(scene, out, |foot| foot.height()),
-            Self::FootAirTime => each_foot(scene, out, |foot| foot.air_time()),
+            Self::FootHeight => each_foot(scene, out, FootRow::height),
+            Self::FootAirTime => each_foot(scene, out, FootRow::air_time),
             Self::Events => put(out, scene.events()),
             Self::Python { .. } => out.fill(0.0),
         }
@@ -273,7 +273,7 @@ fn put(out: &mut [f32], values: &[f64]) {
     }
 }
 
-fn each_foot(scene: &Scene<'_>, out: &mut [f32], value: impl Fn(&FootRow<'_>) -> f64) {
+fn each_foot<'a>(scene: &Scene<'a>, out: &mut [f32], value: impl Fn(&FootRow<'a>) -> f64) {
     for (entry, foot) in out.iter_mut().zip(scene.feet()) {
         *entry = value(&foot) as f32;
     }

@@ -116,10 +116,7 @@ const STANDING: f64 = 0.1;
 impl Measure {
     /// Whether it follows from the motion of the feet.
     pub(super) fn needs_feet(&self) -> bool {
-        matches!(
-            self,
-            Self::FeetAirTime { .. } | Self::FeetSlip | Self::FeetClearance { .. } | Self::Landing
-        )
+        matches!(self, Self::FeetAirTime { .. } | Self::FeetSlip | Self::FeetClearance { .. } | Self::Landing)
     }
 
     /// Whether it follows from the command.
@@ -190,7 +187,7 @@ impl Measure {
                 gaussian(square / layout.nu as f64, *std)
             }
             Self::StandStill if scene.is_standing_commanded() => deviations().map(f64::abs).sum(),
-            Self::StandStill => 0.0,
+            Self::StandStill | Self::Python { .. } => 0.0,
             Self::FeetAirTime { .. } if scene.is_standing_commanded() => 0.0,
             Self::FeetAirTime { threshold } => scene
                 .feet()
@@ -201,7 +198,6 @@ impl Measure {
             Self::FeetClearance { target } => {
                 scene.feet().map(|foot| (foot.height() - target).abs() * foot.speed()).sum()
             }
-            Self::Python { .. } => 0.0,
             Self::Landing => feet(|foot| if foot.landed_after() > 0.0 { foot.force() } else { 0.0 }),
         }
     }

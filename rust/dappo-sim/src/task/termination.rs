@@ -66,7 +66,10 @@ impl Limits {
         let index = |name: &String| {
             let bodies = &layout.anatomy.bodies;
             bodies.iter().position(|body| body == name).ok_or_else(|| {
-                format!("[terminations.contact]: the MJCF has no body `{name}`; they are {}", bodies.join(", "))
+                format!(
+                    "[terminations.contact]: the MJCF has no body `{name}`; they are {}",
+                    bodies.join(", ")
+                )
             })
         };
         let contact = terminations.contact.as_ref();
@@ -83,7 +86,9 @@ impl Limits {
     pub fn are_exceeded(&self, scene: &Scene<'_>) -> bool {
         let Signals { qpos, .. } = scene.signals;
         let [low, high] = self.height;
-        let touches = |&body: &usize| scene.signals.contact_force(body).iter().map(|f| f * f).sum::<f64>() > self.force * self.force;
+        let touches = |&body: &usize| {
+            scene.signals.contact_force(body).iter().map(|f| f * f).sum::<f64>() > self.force * self.force
+        };
         !(low..=high).contains(&qpos[2]) || -scene.gravity[2] < self.cosine || self.bodies.iter().any(touches)
     }
 }

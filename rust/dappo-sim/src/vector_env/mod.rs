@@ -288,7 +288,8 @@ impl VectorEnv {
     /// Copies what the task remembers of the envs and others may see.
     fn show_task(&mut self) {
         let (task, buffers) = (self.backend.task(), &mut self.buffers);
-        let rows = |width: usize| (0..self.episodes.len()).map(move |env| (env, env * width..(env + 1) * width));
+        let rows =
+            |width: usize| (0..self.episodes.len()).map(move |env| (env, env * width..(env + 1) * width));
         if !buffers.command.is_empty() {
             for (env, row) in rows(task.command_len()) {
                 buffers.command[row].copy_from_slice(task.command(self.backend.memory(env)));

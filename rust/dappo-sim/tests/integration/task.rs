@@ -115,24 +115,51 @@ fn actions_are_scaled_by_the_pattern_of_their_actuator() {
     let mut ctrl = [0.0; 2];
     task.act(&mut vec![0.0; task.memory_len()], &[0.5, -7.0], &mut ctrl);
     assert_eq!(ctrl, [1.0, -3.0]);
-    assert_eq!(task.controls().map(|(_, offset, scale)| (offset, scale)).collect::<Vec<_>>(), [(0.0, 2.0), (0.0, 3.0)]);
+    assert_eq!(
+        task.controls().map(|(_, offset, scale)| (offset, scale)).collect::<Vec<_>>(),
+        [(0.0, 2.0), (0.0, 3.0)]
+    );
 }
 
 #[test]
 fn what_a_robot_lacks_is_named() {
     for (old, new, fault) in [
-        ("\"sec.*\" = 3.0", "\"sec.*\" = 3.0, \".*t\" = 1.0", "more than one pattern matches the actuator `first`"),
-        ("\"sec.*\" = 3.0", "\"third\" = 3.0", "the pattern \"third\" matches no actuator; they are first, second"),
+        (
+            "\"sec.*\" = 3.0",
+            "\"sec.*\" = 3.0, \".*t\" = 1.0",
+            "more than one pattern matches the actuator `first`",
+        ),
+        (
+            "\"sec.*\" = 3.0",
+            "\"third\" = 3.0",
+            "the pattern \"third\" matches no actuator; they are first, second",
+        ),
         (", \"sec.*\" = 3.0", "", "no pattern matches the actuator `second`"),
         ("type = \"control\"", "type = \"joint_position\"", "is not a position servo on a hinge"),
         ("term = \"command\"", "term = \"joint_pos\"", "needs a hinge behind every actuator"),
         ("term = \"command\"", "term = \"foot_vel\"", "needs an entry `foot` in every [[limbs]]"),
-        ("survive = { weight = 0.5 }", "pose_squared = { weight = 0.5 }", "the reward term `pose_squared` needs a hinge"),
+        (
+            "survive = { weight = 0.5 }",
+            "pose_squared = { weight = 0.5 }",
+            "the reward term `pose_squared` needs a hinge",
+        ),
         ("[commands.velocity]", "[commands.speed]", "[commands]: unknown entries speed"),
-        ("lin_vel_x = [-4.0, -2.0]", "lin_vel_x = [4.0, -2.0]", "[commands.velocity]: `lin_vel_x` is a list, expected [low"),
-        ("start = 0.25", "start = 1.5", "[curriculum.commands]: `start` is 1.5, expected a number from 0 to 1"),
+        (
+            "lin_vel_x = [-4.0, -2.0]",
+            "lin_vel_x = [4.0, -2.0]",
+            "[commands.velocity]: `lin_vel_x` is a list, expected [low",
+        ),
+        (
+            "start = 0.25",
+            "start = 1.5",
+            "[curriculum.commands]: `start` is 1.5, expected a number from 0 to 1",
+        ),
         ("height = [0.5, 2.0]", "tilt = { angle = 4.0 }", "[terminations.tilt]: `angle` is 4.0"),
-        ("fall = { term = \"termination\"", "fall = { term = \"stumble\"", "[rewards.fall]: `term` is \"stumble\", expected one of"),
+        (
+            "fall = { term = \"termination\"",
+            "fall = { term = \"stumble\"",
+            "[rewards.fall]: `term` is \"stumble\", expected one of",
+        ),
     ] {
         assert_eq!(ROBOT.matches(old).count(), 1, "{old}");
         let found = task(&ROBOT.replace(old, new), false).err().unwrap_or_default();
@@ -145,7 +172,8 @@ fn a_task_in_a_file_of_its_own_gives_way_to_the_robots_entries() {
     let (robot, task) = ROBOT.split_at(ROBOT.find("frame_skip").unwrap());
     let (limbs, task) = task.split_at(task.find("actions").unwrap());
     let limbs: Vec<&str> = limbs.lines().skip(2).collect();
-    let robot = format!("{robot}{}\n[tasks.walk.commands.velocity]\nlin_vel_y = [1.0, 1.0]\n", limbs.join("\n"));
+    let robot =
+        format!("{robot}{}\n[tasks.walk.commands.velocity]\nlin_vel_y = [1.0, 1.0]\n", limbs.join("\n"));
     let task = format!("frame_skip = 1\nmax_episode_steps = 100\n{task}");
     let merged = dappo_sim::robot::with_task(&robot, &task, "walk").unwrap();
     assert_eq!(Robot::faults(&merged), Vec::<String>::new());

@@ -51,7 +51,8 @@ impl LanesBackend {
         check_envs(num_envs)?;
         let engine = table.engine(precision, simd)?;
         let width = engine.width();
-        let blocks = (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &task, &table)).collect();
+        let blocks =
+            (0..num_envs.div_ceil(width)).map(|_| Block::new(engine.group(), &task, &table)).collect();
         Ok(Self { task, table, precision, width, blocks, classes: vec![0; num_envs] })
     }
 

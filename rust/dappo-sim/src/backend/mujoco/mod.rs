@@ -138,26 +138,28 @@ impl Backend for MujocoBackend {
             outputs.diverged.par_iter_mut(),
         )
             .into_par_iter()
-            .for_each(|(row, &class, &skip, action, obs, reward, terms, terminated, velocity, diverged)| {
-                if skip {
-                    return;
-                }
-                let mut worker = worker(workers);
-                let forward = worker.step(task, table, class, row, action);
-                *diverged = forward.is_none();
-                let Some(forward) = forward else {
-                    worker.restart(task, table, class, row, &mut obs[..obs_dim]);
-                    terms.fill(0.0);
-                    (*reward, *terminated, *velocity) = (0.0, true, 0.0);
-                    return;
-                };
-                *velocity = forward;
-                let signals = worker.signals(table, class, *velocity);
-                let memory = worker.memory(row);
-                let outcome = task.outcome(memory, &signals, terms);
-                (*reward, *terminated) = (outcome.reward, outcome.terminated);
-                task.observe(memory, &signals, &mut obs[..obs_dim]);
-            });
+            .for_each(
+                |(row, &class, &skip, action, obs, reward, terms, terminated, velocity, diverged)| {
+                    if skip {
+                        return;
+                    }
+                    let mut worker = worker(workers);
+                    let forward = worker.step(task, table, class, row, action);
+                    *diverged = forward.is_none();
+                    let Some(forward) = forward else {
+                        worker.restart(task, table, class, row, &mut obs[..obs_dim]);
+                        terms.fill(0.0);
+                        (*reward, *terminated, *velocity) = (0.0, true, 0.0);
+                        return;
+                    };
+                    *velocity = forward;
+                    let signals = worker.signals(table, class, *velocity);
+                    let memory = worker.memory(row);
+                    let outcome = task.outcome(memory, &signals, terms);
+                    (*reward, *terminated) = (outcome.reward, outcome.terminated);
+                    task.observe(memory, &signals, &mut obs[..obs_dim]);
+                },
+            );
         Ok(())
     }
 

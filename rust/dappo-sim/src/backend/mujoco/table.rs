@@ -155,10 +155,10 @@ mod tests {
         let mut fields = numbers.each_mut().map(|row| Field { address: row.as_mut_ptr() as usize, len: 2 });
         fields[3].len = 0;
         let [qpos, qvel, ctrl, cfrc_ext, xpos] = fields;
-        let fields = [qpos, qvel, ctrl, cfrc_ext, Field { address: 0, len: 0 }, Field { address: 0, len: 0 }, xpos];
+        let fields =
+            [qpos, qvel, ctrl, cfrc_ext, Field { address: 0, len: 0 }, Field { address: 0, len: 0 }, xpos];
         // SAFETY: the fields are rows of `numbers`, which outlives them, and no function of MuJoCo is called.
-        let mut worker =
-            unsafe { WorkerFields::new(0, fields, Vec::new(), [0; 3], Box::new(())) };
+        let mut worker = unsafe { WorkerFields::new(0, fields, Vec::new(), [0; 3], Box::new(())) };
         // Two arrays can be written at a time; one cannot be borrowed twice.
         let (qpos, qvel) = (worker.qpos.get_mut(), worker.qvel.get_mut());
         qpos.swap_with_slice(qvel);

@@ -56,13 +56,20 @@ impl Worker {
     /// Makes the data stand for the env whose state is `row`.
     pub(super) fn load(&mut self, table: &ModelTable, class: usize, row: &[f64]) {
         // SAFETY: model and data are valid and of equal sizes; the row holds `state_size` numbers.
-        unsafe { (self.library.set_state)(self.model(table, class), self.data(), row.as_ptr(), table.state_spec) };
+        unsafe {
+            (self.library.set_state)(self.model(table, class), self.data(), row.as_ptr(), table.state_spec);
+        };
     }
 
     fn store(&mut self, table: &ModelTable, class: usize, row: &mut [f64]) {
         // SAFETY: as in `load`.
         unsafe {
-            (self.library.get_state)(self.model(table, class), self.data(), row.as_mut_ptr(), table.state_spec);
+            (self.library.get_state)(
+                self.model(table, class),
+                self.data(),
+                row.as_mut_ptr(),
+                table.state_spec,
+            );
         };
         row[self.state_size] = self.main_body_x();
     }
