@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import sys
 import tomllib
 from typing import TYPE_CHECKING, Any
@@ -662,3 +663,30 @@ def test_a_training_with_a_task_resumes_exactly(
     # The policy observes 1 + 2 + 3 entries and a damage code, and nothing that the critic alone is given.
     assert policy.obs_dim == 6
     assert whole.metrics["env_steps"][-1] == 768
+
+
+def test_an_export_holds_the_contract_of_observations_and_controls(make: Make, tmp_path: Path) -> None:
+    critic = '[observation.critic]\nterms = [{ term = "base_lin_vel" }]\n'
+    terms = '{ term = "joint_vel", scale = 0.1, noise = 0.5, history = 2 }, { term = "command" }'
+    make(observed(terms) + critic + SURVIVE, "lanes").close()
+    run = db.train(
+        tmp_path / "run",
+        robot=str(tmp_path / "walker.toml"),
+        num_envs=4,
+        total_steps=128,
+        set={"horizon": 16, "ppo.hidden": [8], "evaluation.episodes": 1},
+    )
+    exported = db.export(run.path, tmp_path / "export")
+    header = json.loads((tmp_path / "export" / "export.json").read_text())
+    assert header["obs_dim"] == 2 * 4 + 3
+    assert header["twin"]["observation"] == [
+        {"term": "joint_vel", "noise": 0.5, "scale": 0.1, "history": 2},
+        {"term": "command"},
+    ]
+    home = {"right_knee": -0.5, "right_hip": -0.2, "left_hip": 0.3, "left_knee": -0.8}
+    expected = [("actuator 0", "right_knee"), *((name, name) for name in ("right_hip", "left_hip", "left_knee"))]
+    for entry, (name, joint) in zip(header["twin"]["actuators"], expected, strict=True):
+        scale = 0.5 if "hip" in name else 0.25
+        assert entry == {"name": name, "offset": home[joint], "scale": scale}
+    assert "action_scale" not in header["twin"]
+    assert exported is not None

@@ -22,6 +22,14 @@ pub struct Sizes {
     pub action_dim: usize,
 }
 
+impl Sizes {
+    /// Length of what the policy observes, without the damage code.
+    #[must_use]
+    pub fn seen(&self) -> usize {
+        self.obs_dim - self.privileged - self.code_length
+    }
+}
+
 /// Makes the envs of one robot and one set of damage classes.
 pub trait EnvFactory {
     /// The robot.

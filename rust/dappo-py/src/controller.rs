@@ -40,7 +40,7 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
         return Err(raise(Kind::Checkpoint, message));
     }
     let sizes = factory.sizes(&config).or_raise()?;
-    let (header, obs_dim) = (export.header(), sizes.obs_dim - sizes.code_length);
+    let (header, obs_dim) = (export.header(), sizes.seen());
     let code_lengths = [0, factory.space().code_length()];
     if (header.obs_dim, header.action_dim) != (obs_dim, sizes.action_dim)
         || !code_lengths.contains(&header.policy.code_length)
