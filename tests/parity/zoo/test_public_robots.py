@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -21,6 +22,8 @@ from .vendors import ROBOTS, place
 GUIDE = Path(__file__).parents[3] / "docs" / "guides" / "known-robots.md"
 STATES_A_CLASS = 6
 """States of each kind for each of the 5 damage classes."""
+
+TOLERANCES = {"f64": 1e-10, "f32": 1e-4}
 
 LEAST_TOUCHED = {"free": 0.0, "rollout": 0.1, "resting": 0.5, "hard": 0.5}
 """Share of the states of each kind that have a contact."""
@@ -90,6 +93,57 @@ def test_a_robot_of_the_package_is_equal(robot: str) -> None:
     _check(Path(load_robot(robot).path), None)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["go1", "go1_menagerie", "spot_menagerie"])
+def test_all_damage_of_a_robot_toml_is_equal_on_both_backends(wheels: Path, robot: str) -> None:
+    toml = place(wheels, robot, simplified=True)
+    table = compile_class_table(toml)
+    types = load_robot(str(toml)).damage_types
+    assert {"jammed_joint", "missing_shank", "missing_limb"} <= set(types)
+    assert len(table.models) == 1 + 4 * len(types)
+    assert dappo_batch.make_vec(table, num_envs=2).backend == "lanes"
+    _check_forces(table, {"f64": 1e-10})
+
+
+@pytest.mark.slow
+def test_damage_of_a_go1_is_that_of_its_mjcf(wheels: Path) -> None:
+    table = compile_class_table(place(wheels, "go1_menagerie", simplified=True))
+    healthy = table.models[0]
+    of = {item.name: model for item, model in zip(table.space.classes, table.models, strict=True)}
+    # The calf of the keyframe `home` is at -1.8 rad.
+    assert of["jammed_joint@0"].joint("FL_calf_joint").range == pytest.approx(-1.8 + np.radians([-1, 1]))
+    # A calf of 0.195862 kg, of which a tenth of the 0.213 m to the foot remains.
+    shank = of["missing_shank@1"]
+    assert shank.body("RL_calf").mass == pytest.approx(0.0195862)
+    assert shank.body("RL_calf").ipos == pytest.approx([0.00429862, 0.000976676, -0.0146197])
+    assert shank.geom("RL").pos == pytest.approx([0, 0, -0.0213])
+    assert shank.geom("RL").size[0] == pytest.approx(0.0023)
+    # Hip, thigh and calf: 0.68, 1.009 and 0.195862 kg.
+    limb = of["missing_limb@2"]
+    left = 0.1 * 0.68 + 1e-4 * (1.009 + 0.195862)
+    assert limb.body("RR_hip").subtreemass == pytest.approx(left)
+    assert limb.body("trunk").subtreemass == pytest.approx(5.204 + 3 * (0.68 + 1.009 + 0.195862) + left)
+    gains = healthy.actuator_gainprm[:, 0].copy()
+    gains[[healthy.actuator(f"FR_{joint}").id for joint in ("hip", "thigh", "calf")]] = 0
+    assert of["dead_motor@3"].actuator_gainprm[:, 0].tolist() == gains.tolist()
+
+
+@pytest.mark.slow
+def test_a_robot_that_can_touch_itself_walks_without_a_limb(wheels: Path) -> None:
+    table = compile_class_table(place(wheels, "go1_menagerie", simplified=False), types=["missing_limb"])
+    model = table.models[1]
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    lost = {model.body(name).id for name in ("FL_thigh", "FL_calf")}
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        data.ctrl[:] = model.key_ctrl[0] + 0.3 * rng.normal(size=model.nu)
+        mujoco.mj_step(model, data, nstep=5)
+        bodies = model.geom_bodyid[data.contact.geom]
+        assert not any(lost & set(pair) and 0 not in pair for pair in bodies.tolist())
+    assert not any(warning.number for warning in data.warning)
+
+
 def _check(toml: Path, reason: str | None) -> None:
     if reason is not None:
         _check_refusal(compile_class_table(toml, max_damaged_limbs=0), reason)
@@ -113,7 +167,8 @@ def _check_refusal(table: ClassTable, reason: str) -> None:
     assert np.isfinite(obs).all()
 
 
-def _check_forces(table: ClassTable) -> None:
+def _check_forces(table: ClassTable, tolerances: Mapping[str, float] = TOLERANCES) -> None:
+    """Compare accelerations and contact forces, with a tolerance for each precision."""
     for kind, states_of in KINDS.items():
         rng = np.random.default_rng(0)
         parts = []
@@ -126,7 +181,7 @@ def _check_forces(table: ClassTable) -> None:
         states, (qacc, qacc_smooth, cfrc_ext, _) = States(*arrays[:3]), arrays[3:]
         touched = np.any(cfrc_ext, axis=(1, 2)).mean()
         assert LEAST_TOUCHED[kind] <= touched <= float(kind != "free"), (kind, touched)
-        for precision, tolerance in (("f64", 1e-10), ("f32", 1e-4)):
+        for precision, tolerance in tolerances.items():
             got, forces, _ = LaneWorlds(table, classes, precision=precision).forward(*states)
             # At rest gravity and contacts cancel; single precision keeps digits of them, not of their sum.
             scale = qacc_smooth if (precision, kind) == ("f32", "resting") else qacc
