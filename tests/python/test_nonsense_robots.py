@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dappo_batch
@@ -333,13 +334,14 @@ def test_a_ball_after_the_robot_is_accepted(folder: Path) -> None:
     assert not envs.step(envs.action_space.sample())[2].any()
 
 
-def test_a_limb_needs_a_toe_geom_for_a_missing_toe_alone(folder: Path) -> None:
+def test_a_limb_needs_no_toe_geom_where_its_lowest_segment_is_one_capsule(folder: Path) -> None:
+    whole = dappo_batch.compile_class_table(toy(folder))
     path = toy(folder, toml=(('toe_geom = "north_toe"\n', ""),))
     assert dappo_batch.load_robot(path).limbs[0].toe_geom is None
-    table = dappo_batch.compile_class_table(path, types=["jammed_joint"], max_damaged_limbs=1)
-    assert len(table.models) == 4
-    with pytest.raises(ConfigError, match="limb north has no toe_geom"):
-        dappo_batch.compile_class_table(path)
+    table = dappo_batch.compile_class_table(path)
+    damaged = table.space.parse("missing_toe@0")
+    assert table.models[damaged].body_mass.sum() < 0.99 * table.models[0].body_mass.sum()
+    np.testing.assert_allclose(table.models[damaged].body_mass, whole.models[damaged].body_mass, rtol=1e-3)
 
 
 def test_limbs_that_cannot_break_are_all_in_one_error(folder: Path) -> None:

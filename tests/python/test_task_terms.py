@@ -684,7 +684,10 @@ def test_an_export_holds_the_contract_of_observations_and_controls(make: Make, t
         {"term": "command"},
     ]
     home = {"right_knee": -0.5, "right_hip": -0.2, "left_hip": 0.3, "left_knee": -0.8}
-    expected = [("actuator 0", "right_knee"), *((name, name) for name in ("right_hip", "left_hip", "left_knee"))]
+    expected = [
+        ("actuator 0", "right_knee"),
+        *((name, name) for name in ("right_hip", "left_hip", "left_knee")),
+    ]
     for entry, (name, joint) in zip(header["twin"]["actuators"], expected, strict=True):
         scale = 0.5 if "hip" in name else 0.25
         assert entry == {"name": name, "offset": home[joint], "scale": scale}

@@ -192,12 +192,8 @@ class RobotCopy:
 
     def damage_changes(self, settings: Mapping[str, Any]) -> list[str]:
         """Describe the differences of other settings of the damage; see `damage_settings`."""
-        # The record of an earlier version lacks parameters that were added since, with their defaults.
-        recorded = {
-            key: {**default_options(key), **value} if isinstance(value, Mapping) else value
-            for key, value in self.damage.items()
-        }
-        return [f"{_name(self.origin)}: {change}" for change in _changes(recorded, settings, "damage")]
+        one, two = _completed(self.damage), _completed(settings)
+        return [f"{_name(self.origin)}: {change}" for change in _changes(one, two, "damage")]
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -253,6 +249,14 @@ def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
         # mypy does not know that concrete types are dataclasses.
         settings[name] = dataclasses.asdict(cast("Any", kind))
     return settings
+
+
+def _completed(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings of the damage with the parameters that they lack, as those of earlier versions do."""
+    return {
+        key: {**default_options(key), **value} if isinstance(value, Mapping) else value
+        for key, value in settings.items()
+    }
 
 
 def _with_mjcf(robot: Robot) -> str:

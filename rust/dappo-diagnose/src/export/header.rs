@@ -121,8 +121,8 @@ pub struct TwinHeader {
     /// ctrl = `action_scale` · clip(action, ±1), where this holds for all actuators alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action_scale: Option<f64>,
-    /// Controls of the actuators, in the order of the actions; empty in exports of earlier versions.
-    #[serde(default)]
+    /// Controls of the actuators, in the order of the actions, where there is no `action_scale`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actuators: Vec<ActuatorHeader>,
     /// Blocks of an observation, in order.
     pub observation: Vec<ObservationTerm>,

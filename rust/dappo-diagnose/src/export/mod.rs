@@ -136,7 +136,12 @@ impl Contents<'_> {
                 integrator: body.integrator.to_owned(),
                 frame_skip: body.task.frame_skip,
                 action_scale: body.task.action_scale(),
-                actuators: body.task.controls().map(ActuatorHeader::from).collect(),
+                actuators: body
+                    .task
+                    .controls()
+                    .filter(|_| body.task.action_scale().is_none())
+                    .map(ActuatorHeader::from)
+                    .collect(),
                 observation: body.robot.observation.policy.terms.clone(),
                 touch_sensors: body.robot.limbs.iter().filter_map(|limb| limb.touch.clone()).collect(),
                 forward_velocity: body.robot.main_body.clone(),

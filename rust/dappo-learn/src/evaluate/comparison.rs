@@ -41,7 +41,6 @@ pub struct RunSummary {
     /// Mean distance of an episode over all classes, m.
     pub distance: f64,
     /// Mean tracking over all classes; `None` for a task without commands.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<f64>,
 }
 
@@ -57,7 +56,6 @@ pub struct Side {
     /// Mean distance of an episode over all classes and seeds, m.
     pub distance: f64,
     /// Mean tracking over all classes and seeds; `None` for a task without commands.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<f64>,
     /// One run a seed.
     pub seeds: Vec<RunSummary>,

@@ -33,7 +33,6 @@ pub struct ClassResult {
     pub distance: f64,
     /// Mean over episodes of how well commanded velocities were tracked, from 0 to 1: the mean of the term
     /// `track_lin_vel` over the steps of an episode, 0 after a failure. `None` for a task without commands.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<f64>,
     /// Mean of Σ reward.
     pub episode_return: f64,
@@ -72,7 +71,6 @@ pub struct GroupResult {
     /// Mean of the classes' distances, m.
     pub distance: f64,
     /// Mean of the classes' tracking; `None` for a task without commands.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tracking: Option<f64>,
     /// Episodes that ended in failure.
     pub falls: usize,
