@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 
 import dappo_batch
 from dappo_batch import ClassTable, ConfigError, ShapeError
 from dappo_batch._core import LaneWorlds, run_cli
+from dappo_batch.machine import cpu_flags, cpu_name
+from dappo_batch.model.clamped_actuators import clamped_without_derivative
 from dappo_batch.model.rotation_correction import rotation_correction
 
 from .command_line import ITERATION, TINY, metrics
@@ -146,6 +149,26 @@ def test_lane_worlds_refuse_what_does_not_fit(ant_table: ClassTable) -> None:
 
 def test_the_rotation_of_a_body_in_rk4_is_one_that_is_known() -> None:
     assert rotation_correction() in (True, False)
+
+
+def test_implicitfast_drops_the_derivative_of_a_clamped_actuator_from_mujoco_4_on() -> None:
+    assert clamped_without_derivative() == (int(mujoco.__version__.split(".")[0]) >= 4)
+
+
+def test_the_metadata_of_a_run_contain_processor_and_instruction_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    for name in ("portable", ""):
+        monkeypatch.setenv("DAPPO_SIMD", name)
+        command("train", "--run", tmp_path / f"run{name}", "--steps", str(ITERATION), *TINY)
+        meta = json.loads((tmp_path / f"run{name}" / "meta.json").read_text())
+        assert meta["cpu"] == cpu_name()
+        found.append(meta["simd"])
+    assert found[0] == "portable"
+    flags = cpu_flags()
+    fastest = "avx512" if "avx512f" in flags else "avx2" if "avx2" in flags else "neon"
+    assert found[1] == fastest
 
 
 @pytest.mark.parametrize(("backend", "precision"), [("lanes", "f32"), ("mujoco", "f64")])

@@ -67,6 +67,8 @@ class Meta:
         Worker threads.
     platform : str
         Operating system and processor architecture.
+    cpu, simd : str
+        Name of the processor, and the vector instruction set of the lane engine and of the networks.
     command : tuple of str
         The command that started the run.
     changes : tuple of Change
@@ -82,6 +84,8 @@ class Meta:
     reward: str | None = None
     threads: int | None = None
     platform: str | None = None
+    cpu: str | None = None
+    simd: str | None = None
     command: tuple[str, ...] = ()
     changes: tuple[Change, ...] = ()
 
@@ -96,7 +100,8 @@ class Meta:
         """
         what = "meta.json"
         found = mapping(found, what)
-        texts = ("version", "mujoco", "backend", "precision", "device", "physics", "reward", "platform")
+        simulation = ("backend", "precision", "device", "physics", "reward")
+        texts = ("version", "mujoco", *simulation, "platform", "cpu", "simd")
         return cls(
             **{name: entry(found, name, str, what) for name in texts},
             threads=entry(found, "threads", int, what),

@@ -3,6 +3,7 @@
 
 use crate::constants::{Constants, Skeleton};
 use crate::lane::Lane;
+use crate::model::Integrator;
 
 /// Forces on the joints, and how they fall with velocity.
 pub struct Actuation<T, const L: usize, const J: usize> {
@@ -31,6 +32,8 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
     ctrl: &[[T; J]; L],
 ) -> Actuation<T, L, J> {
     let mut out = Actuation::zero();
+    let clamped_without_derivative =
+        skeleton.integrator == Integrator::ImplicitFast { clamped_without_derivative: true };
     for limb in 0..L {
         for joint in 0..J {
             let (link, shared) = (&constants.links[limb][joint], &skeleton.joints[limb][joint]);
@@ -47,7 +50,7 @@ pub fn actuation<T: Lane, const L: usize, const J: usize>(
                     force += stiffness.mul_add(length, slope.mul_add(speed, constant));
                     // A saturated actuator does not answer to velocity.
                     let mut free = lowest.lt(force) & force.lt(highest);
-                    if shared.limited_torque {
+                    if shared.limited_torque && clamped_without_derivative {
                         let torque = motor.gear * force;
                         free = free & link.actuator_range[0].lt(torque) & torque.lt(link.actuator_range[1]);
                     }

@@ -48,66 +48,94 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
         y
     }
 
-    /// Solves matrix · x = right for a positive definite matrix; `x` comes as the right side, `factor` is room
-    /// for the factorisation.
+    /// Solves matrix · x = right for a positive definite matrix, which its factorisation replaces; `x` comes as
+    /// the right side.
     ///
     /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards and then the root, as
     /// MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
     #[inline(always)]
-    pub fn solve(&self, factor: &mut Self, x: &mut Coords<T, L, J>) {
-        let root = &mut factor.root;
+    pub fn solve(&mut self, x: &mut Coords<T, L, J>) {
+        for limb in 0..L {
+            self.eliminate(limb, x);
+        }
+        self.substitute(x);
+    }
+
+    /// Takes over the root's block of another matrix.
+    #[inline(always)]
+    pub fn set_root(&mut self, other: &Self) {
         for i in 0..6 {
             for j in 0..i + 1 {
-                root[i][j] = self.root[i][j];
+                self.root[i][j] = other.root[i][j];
             }
         }
-        for limb in 0..L {
-            let (mut block, mut coupling) = (self.limbs[limb], self.coupling[limb]);
-            let y = &mut x.limbs[limb];
-            for joint in (0..J).rev() {
-                let inverse = T::of(1.0) / block[joint][joint];
-                block[joint][joint] = inverse;
-                for inner in 0..joint {
-                    let factor = block[joint][inner] * inverse;
-                    for k in 0..inner + 1 {
-                        block[inner][k] = factor.neg_mul_add(block[joint][k], block[inner][k]);
-                    }
-                    for i in 0..6 {
-                        coupling[inner][i] = factor.neg_mul_add(coupling[joint][i], coupling[inner][i]);
-                    }
-                    y[inner] = factor.neg_mul_add(y[joint], y[inner]);
-                }
+    }
+
+    /// Takes over the entries of a limb of another matrix.
+    #[inline(always)]
+    pub fn set_limb(&mut self, limb: usize, other: &Self) {
+        for joint in 0..J {
+            for inner in 0..joint + 1 {
+                self.limbs[limb][joint][inner] = other.limbs[limb][joint][inner];
             }
-            // All joints at once, so that every entry of the root is loaded and stored only once.
-            let y = *y;
             for i in 0..6 {
-                let mut factors = [T::zero(); J];
-                for joint in 0..J {
-                    factors[joint] = coupling[joint][i] * block[joint][joint];
-                    x.root[i] = factors[joint].neg_mul_add(y[joint], x.root[i]);
-                }
-                for j in 0..i + 1 {
-                    let mut entry = root[i][j];
-                    for joint in 0..J {
-                        entry = factors[joint].neg_mul_add(coupling[joint][j], entry);
-                    }
-                    root[i][j] = entry;
-                }
+                self.coupling[limb][joint][i] = other.coupling[limb][joint][i];
             }
-            (factor.limbs[limb], factor.coupling[limb]) = (block, coupling);
         }
-        solve_dense(root, &mut x.root);
+    }
+
+    /// Eliminates the joints of a limb. The root's block and its right side may still be incomplete.
+    #[inline(always)]
+    pub fn eliminate(&mut self, limb: usize, x: &mut Coords<T, L, J>) {
+        let (root, block, coupling) = (&mut self.root, &mut self.limbs[limb], &mut self.coupling[limb]);
+        let y = &mut x.limbs[limb];
+        for joint in (0..J).rev() {
+            let inverse = T::of(1.0) / block[joint][joint];
+            block[joint][joint] = inverse;
+            for inner in 0..joint {
+                let factor = block[joint][inner] * inverse;
+                for k in 0..inner + 1 {
+                    block[inner][k] = factor.neg_mul_add(block[joint][k], block[inner][k]);
+                }
+                for i in 0..6 {
+                    coupling[inner][i] = factor.neg_mul_add(coupling[joint][i], coupling[inner][i]);
+                }
+                y[inner] = factor.neg_mul_add(y[joint], y[inner]);
+            }
+        }
+        // All joints at once, so that every entry of the root is loaded and stored only once.
+        let y = *y;
+        for i in 0..6 {
+            let mut factors = [T::zero(); J];
+            for joint in 0..J {
+                factors[joint] = coupling[joint][i] * block[joint][joint];
+                x.root[i] = factors[joint].neg_mul_add(y[joint], x.root[i]);
+            }
+            for j in 0..i + 1 {
+                let mut entry = root[i][j];
+                for joint in 0..J {
+                    entry = factors[joint].neg_mul_add(coupling[joint][j], entry);
+                }
+                root[i][j] = entry;
+            }
+        }
+    }
+
+    /// Solves for the root and then for the limbs, all of which have been eliminated.
+    #[inline(always)]
+    pub fn substitute(&mut self, x: &mut Coords<T, L, J>) {
+        solve_dense(&mut self.root, &mut x.root);
         for limb in 0..L {
             for joint in 0..J {
                 let mut sum = x.limbs[limb][joint];
                 for i in 0..6 {
-                    sum = factor.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
+                    sum = self.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
                 }
                 for inner in 0..joint {
-                    sum = factor.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
+                    sum = self.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);
                 }
                 // The pivots were replaced by their inverses.
-                x.limbs[limb][joint] = sum * factor.limbs[limb][joint][joint];
+                x.limbs[limb][joint] = sum * self.limbs[limb][joint][joint];
             }
         }
     }

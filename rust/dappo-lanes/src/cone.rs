@@ -1,21 +1,46 @@
-//! Friction cones: cost, gradient and Hessian of a contact as functions of its residual.
-//! (Documentation: Computation, "Constraint solver", primal problem, and "Contact", friction cones.)
+//! Contacts other than those of pyramids with sliding friction alone: elliptic cones, contacts without friction,
+//! and torsional and rolling friction. (Documentation: Computation, "Constraint solver", primal problem, and
+//! "Contact", friction cones.)
 
-use crate::contact::{Contact, Residual};
-use crate::lane::{Lane, Mask};
-use crate::math::{Vec3, dot, scale_add, zero3};
+use crate::constants::{Carrier, PointConstants};
+use crate::contact::Contact;
+use crate::coords::Coords;
+use crate::kinematics::Kinematics;
+use crate::lane::Lane;
+use crate::math::{Axes, Vec3, dot, rotate, scale, scale_add, sub, unrotate, zero3};
 use crate::model::Cone;
+use crate::pyramid::{self, Push, pushing};
 
-/// Derivatives of a contact's cost by its linear residuals.
-pub struct Push<T: Lane> {
-    /// Gradient along n, μ t₁, μ t₂.
-    pub gradient: Vec3<T>,
-    /// Hessian: nn, 11, 22, n1, n2.
-    pub stiffness: [T; 5],
-    /// Entry 12 of the Hessian; a pyramid has none.
-    pub skew: Option<T>,
-    /// Lanes in which each edge of a pyramid pushes.
-    pub active: [T::Mask; 4],
+/// A contact with the solver's numbers about it.
+///
+/// Its constraints follow from six numbers: one along each of the floor's normal n, μ t₁ and μ t₂, and one
+/// about each of n, t₁ and t₂, scaled by the coefficients of torsional and rolling friction. Those about the
+/// axes matter only with such friction.
+#[derive(Clone, Copy)]
+pub struct ConeContact<T: Lane, const J: usize> {
+    pub contact: Contact<T, J>,
+    /// Coefficient of torsional friction, and that of rolling friction over μ.
+    turning: [T; 2],
+    cone: Cone,
+    /// Number of friction dimensions: 0, 2, 3 or 5.
+    frictions: usize,
+    /// Square of the friction of the regularised elliptic cone.
+    cone_friction: T,
+    /// Reference acceleration about n, t₁ and t₂.
+    angular_reference: Vec3<T>,
+    /// J a − reference at the solver's present point.
+    residual: Residual<T>,
+    /// Change of the residual along the solver's search direction.
+    slope: Residual<T>,
+}
+
+/// The numbers of a contact's constraints.
+#[derive(Clone, Copy)]
+struct Residual<T> {
+    /// Along n, μ t₁ and μ t₂.
+    linear: Vec3<T>,
+    /// About n, t₁ and t₂, scaled by the coefficients of friction.
+    angular: Vec3<T>,
 }
 
 /// Derivatives of a contact's cost that have to do with its angular residuals.
@@ -50,88 +75,121 @@ struct Ellipse<T> {
     unit: T,
 }
 
-impl<T: Lane, const J: usize> Contact<T, J> {
+impl<T: Lane, const J: usize> ConeContact<T, J> {
+    /// A contact of a point.
+    #[inline(always)]
+    pub fn new<const L: usize>(
+        contact: Contact<T, J>,
+        carrier: &Carrier<T>,
+        point: &PointConstants<T>,
+        kinematics: &Kinematics<T, L, J>,
+        velocity: &Coords<T, L, J>,
+    ) -> Self {
+        let zero = Residual { linear: zero3(), angular: zero3() };
+        let mut own = Self {
+            contact,
+            turning: [point.torsional, point.rolling],
+            cone: carrier.cone,
+            frictions: carrier.frictions,
+            cone_friction: point.cone_friction,
+            angular_reference: zero3(),
+            residual: zero,
+            slope: zero,
+        };
+        if own.turns() {
+            let damping = T::splat(carrier.softness.damping);
+            own.angular_reference = scale(own.around(kinematics, velocity), -damping);
+        }
+        own
+    }
+
     /// Whether it has angular residuals.
     #[inline(always)]
     pub fn turns(&self) -> bool {
         self.frictions > 2
     }
 
-    /// Whether its cone is a pyramid with sliding friction alone. Most robots have no other contacts, so that
-    /// what others need is kept out of the loops in functions of its own.
+    /// J x: velocity (or acceleration) along and about the axes.
     #[inline(always)]
-    fn is_plain(&self) -> bool {
-        self.cone == Cone::Pyramidal && self.frictions == 2
+    fn product<const L: usize>(&self, kinematics: &Kinematics<T, L, J>, x: &Coords<T, L, J>) -> Residual<T> {
+        let angular = if self.turns() { self.around(kinematics, x) } else { zero3() };
+        Residual { linear: self.contact.along(x), angular }
     }
 
-    /// Adds the cost at a residual to a sum.
+    /// J x about n, t₁ and t₂.
     #[inline(always)]
-    pub fn add_cost(&self, residual: &Residual<T>, sum: T) -> T {
-        if self.is_plain() {
-            self.add_pyramid_cost(residual.linear, sum)
-        } else {
-            T::run(
-                #[inline(always)]
-                move || self.add_any_cost(residual, sum),
-            )
-        }
-    }
-
-    #[inline(always)]
-    fn add_any_cost(&self, residual: &Residual<T>, sum: T) -> T {
-        let half_weight = T::of(0.5) * self.weight;
-        match self.cone {
-            Cone::Pyramidal => {
-                let mut sum = self.add_pyramid_cost(residual.linear, sum);
-                for friction in 2..self.frictions {
-                    for edge in turning_edges(residual, friction) {
-                        sum = half_weight.mul_add(negative_square(edge), sum);
-                    }
-                }
-                sum
-            }
-            Cone::Elliptic => {
-                let zone = self.zone(residual);
-                let normal = residual.linear[0];
-                let gap = normal - zone.friction;
-                let sticking = normal * normal + zone.friction * zone.friction / self.cone_friction;
-                let slipping = gap * gap / (T::of(1.0) + self.cone_friction);
-                half_weight.mul_add(sticking.keep(zone.sticks) + slipping.keep(zone.slips), sum)
+    fn around<const L: usize>(&self, kinematics: &Kinematics<T, L, J>, x: &Coords<T, L, J>) -> Vec3<T> {
+        let mut angular = x.angular();
+        if let Some((limb, joints)) = self.contact.limb {
+            for joint in 0..joints {
+                angular = scale_add(kinematics.links[limb][joint].hinge(), x.limbs[limb][joint], angular);
             }
         }
+        unrotate(&self.turning_axes(), angular)
     }
 
-    /// Adds the cost of the edges for sliding friction.
+    /// n, t₁ and t₂, scaled by the coefficients of torsional and rolling friction.
     #[inline(always)]
-    fn add_pyramid_cost(&self, linear: Vec3<T>, mut sum: T) -> T {
-        let half_weight = T::of(0.5) * self.weight;
-        for edge in edges(linear) {
-            sum = half_weight.mul_add(negative_square(edge), sum);
+    pub fn turning_axes(&self) -> Axes<T> {
+        let zero = T::zero();
+        let [torsional, rolling] = self.turning;
+        let [x, y] = [rolling * self.contact.tangent[0], rolling * self.contact.tangent[1]];
+        [[zero, zero, torsional], [x, y, zero], [-y, x, zero]]
+    }
+
+    /// n, μ t₁ and μ t₂.
+    #[inline(always)]
+    pub fn axes(&self) -> Axes<T> {
+        let (zero, one) = (T::zero(), T::of(1.0));
+        let [x, y] = self.contact.tangent;
+        [[zero, zero, one], [x, y, zero], [-y, x, zero]]
+    }
+
+    /// Sets the residual to that of an acceleration.
+    #[inline(always)]
+    pub fn set_acceleration<const L: usize>(
+        &mut self,
+        kinematics: &Kinematics<T, L, J>,
+        x: &Coords<T, L, J>,
+    ) {
+        let Residual { linear, angular } = self.product(kinematics, x);
+        self.residual.linear = sub(linear, self.contact.reference);
+        self.residual.angular = sub(angular, self.angular_reference);
+    }
+
+    /// Begins a line search along a step.
+    #[inline(always)]
+    pub fn set_step<const L: usize>(&mut self, kinematics: &Kinematics<T, L, J>, step: &Coords<T, L, J>) {
+        self.slope = self.product(kinematics, step);
+    }
+
+    /// Moves the residual by a length of the step.
+    #[inline(always)]
+    pub fn advance(&mut self, length: T) {
+        self.residual = self.moved(length);
+    }
+
+    /// Force and torque about `center` at the solver's present point.
+    #[inline(always)]
+    pub fn wrench(&self, center: Vec3<T>) -> (Vec3<T>, Vec3<T>) {
+        let (force, mut torque) = self.contact.wrench(self.push().gradient, center);
+        if self.turns() {
+            torque = sub(torque, rotate(&self.turning_axes(), self.turn().gradient));
         }
-        sum
+        (force, torque)
     }
 
     /// Derivatives of the cost at the present residual by its linear part.
     #[inline(always)]
     pub fn push(&self) -> Push<T> {
-        if self.is_plain() {
-            self.pyramid_push()
-        } else {
-            T::run(
-                #[inline(always)]
-                || self.any_push(),
-            )
-        }
-    }
-
-    #[inline(always)]
-    fn any_push(&self) -> Push<T> {
+        let weight = self.contact.weight;
         match self.cone {
             Cone::Pyramidal => {
-                let mut push = self.pyramid_push();
+                let linear = self.residual.linear;
+                let mut push = pyramid::push(weight, &pushing(linear), linear);
                 for friction in 2..self.frictions {
                     for edge in turning_edges(&self.residual, friction) {
-                        let weight = self.weight.keep(edge.lt(T::zero()));
+                        let weight = weight.keep(edge.lt(T::zero()));
                         push.gradient[0] = weight.mul_add(edge, push.gradient[0]);
                         push.stiffness[0] += weight;
                     }
@@ -152,30 +210,8 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                         ellipse.tilt * y,
                     ],
                     skew: Some(ellipse.spread * x * y),
-                    active: [T::Mask::none(); 4],
                 }
             }
-        }
-    }
-
-    /// What the edges for sliding friction contribute to [`push`](Self::push).
-    #[inline(always)]
-    fn pyramid_push(&self) -> Push<T> {
-        let zero = T::zero();
-        let residuals = edges(self.residual.linear);
-        let (mut weights, mut f) = ([zero; 4], [zero; 4]);
-        let mut active = [T::Mask::none(); 4];
-        for edge in 0..4 {
-            active[edge] = residuals[edge].lt(zero);
-            weights[edge] = self.weight.keep(active[edge]);
-            f[edge] = weights[edge] * residuals[edge];
-        }
-        let (first, second) = (weights[0] + weights[1], weights[2] + weights[3]);
-        Push {
-            gradient: [(f[0] + f[1]) + (f[2] + f[3]), f[0] - f[1], f[2] - f[3]],
-            stiffness: [first + second, first, second, weights[0] - weights[1], weights[2] - weights[3]],
-            skew: None,
-            active,
         }
     }
 
@@ -189,8 +225,8 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                 for friction in 2..self.frictions {
                     let axis = friction - 2;
                     let [plus, minus] = turning_edges(&self.residual, friction);
-                    let push = self.weight.keep(plus.lt(zero));
-                    let pull = self.weight.keep(minus.lt(zero));
+                    let push = self.contact.weight.keep(plus.lt(zero));
+                    let pull = self.contact.weight.keep(minus.lt(zero));
                     turn.gradient[axis] = push * plus - pull * minus;
                     turn.mixed[0][axis] = push - pull;
                     turn.stiffness[axis][axis] = push + pull;
@@ -221,21 +257,12 @@ impl<T: Lane, const J: usize> Contact<T, J> {
     /// each added to a sum, and the lanes in which the cost is not the same quadratic function there.
     #[inline(always)]
     pub fn add_along(&self, length: T, sums: (T, T)) -> (T, T, T::Mask) {
-        if self.is_plain() {
-            self.add_along_pyramid(length, sums)
-        } else {
-            T::run(
-                #[inline(always)]
-                move || self.add_along_any(length, sums),
-            )
-        }
-    }
-
-    #[inline(always)]
-    fn add_along_any(&self, length: T, sums: (T, T)) -> (T, T, T::Mask) {
         match self.cone {
             Cone::Pyramidal => {
-                let (mut first, mut second, mut changed) = self.add_along_pyramid(length, sums);
+                let weight = self.contact.weight;
+                let linear = (self.residual.linear, self.slope.linear);
+                let (mut first, mut second, mut changed) =
+                    pyramid::add_along(weight, &pushing(linear.0), linear, length, sums);
                 let there = self.moved(length);
                 for friction in 2..self.frictions {
                     let before = turning_edges(&self.residual, friction);
@@ -244,8 +271,8 @@ impl<T: Lane, const J: usize> Contact<T, J> {
                     for edge in 0..2 {
                         let active = residuals[edge].lt(T::zero());
                         let switched = active ^ before[edge].lt(T::zero());
-                        changed = changed | (switched & T::zero().lt(self.weight));
-                        let weighted = (self.weight * slopes[edge]).keep(active);
+                        changed = changed | (switched & T::zero().lt(weight));
+                        let weighted = (weight * slopes[edge]).keep(active);
                         first = weighted.mul_add(residuals[edge], first);
                         second = weighted.mul_add(slopes[edge], second);
                     }
@@ -256,23 +283,6 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         }
     }
 
-    /// What the edges for sliding friction contribute to [`add_along`](Self::add_along).
-    #[inline(always)]
-    fn add_along_pyramid(&self, length: T, (mut first, mut second): (T, T)) -> (T, T, T::Mask) {
-        let zero = T::zero();
-        let residuals = edges(scale_add(self.slope.linear, length, self.residual.linear));
-        let slopes = edges(self.slope.linear);
-        let mut changed = T::Mask::none();
-        for edge in 0..4 {
-            let active = residuals[edge].lt(zero);
-            changed = changed | (active ^ self.active[edge]);
-            let weighted = (self.weight * slopes[edge]).keep(active);
-            first = weighted.mul_add(residuals[edge], first);
-            second = weighted.mul_add(slopes[edge], second);
-        }
-        (first, second, changed & zero.lt(self.weight))
-    }
-
     #[inline(always)]
     fn add_along_ellipse(&self, length: T, (first, second): (T, T)) -> (T, T, T::Mask) {
         let there = &self.moved(length);
@@ -281,12 +291,12 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         let across = self.slope.dot_friction(there);
         let square = self.slope.dot_friction(&self.slope);
         let inverse = T::of(1.0) / self.cone_friction;
-        let stick = self.weight.keep(zone.sticks);
+        let stick = self.contact.weight.keep(zone.sticks);
         let first = stick.mul_add(normal.mul_add(rise, across * inverse), first);
         let second = stick.mul_add(rise.mul_add(rise, square * inverse), second);
 
         let unit = zone.unit();
-        let slip = self.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
+        let slip = self.contact.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
         let along = across * unit;
         let (gap, closing) = (normal - zone.friction, rise - along);
         let bend = gap * unit * along.neg_mul_add(along, square);
@@ -294,7 +304,7 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         let second = slip.mul_add(closing.mul_add(closing, -bend), second);
         // Where a contact slips, its cost is not quadratic.
         let changed = (zone.sticks ^ before.sticks) | zone.slips | before.slips;
-        (first, second, changed & T::zero().lt(self.weight))
+        (first, second, changed & T::zero().lt(self.contact.weight))
     }
 
     /// The residual at a length of the slope from the present one.
@@ -320,8 +330,8 @@ impl<T: Lane, const J: usize> Contact<T, J> {
         let zone = self.zone(&self.residual);
         let normal = self.residual.linear[0];
         let unit = zone.unit();
-        let stick = self.weight.keep(zone.sticks);
-        let slip = self.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
+        let stick = self.contact.weight.keep(zone.sticks);
+        let slip = self.contact.weight.keep(zone.slips) / (T::of(1.0) + self.cone_friction);
         let gap = normal - zone.friction;
         Ellipse {
             normal: stick.mul_add(normal, slip * gap),
@@ -351,22 +361,9 @@ impl<T: Lane> Residual<T> {
     }
 }
 
-/// The residuals of a pyramid's edges n ± μ t₁ and n ± μ t₂, from those along n, μ t₁ and μ t₂.
-#[inline(always)]
-fn edges<T: Lane>([normal, first, second]: Vec3<T>) -> [T; 4] {
-    [normal + first, normal - first, normal + second, normal - second]
-}
-
 /// The residuals of the two edges of a friction dimension from the third on.
 #[inline(always)]
 fn turning_edges<T: Lane>(residual: &Residual<T>, friction: usize) -> [T; 2] {
     let (normal, angular) = (residual.linear[0], residual.angular[friction - 2]);
     [normal + angular, normal - angular]
-}
-
-/// r² of an edge that pushes, 0 otherwise.
-#[inline(always)]
-fn negative_square<T: Lane>(residual: T) -> T {
-    let negative = residual.min(T::zero());
-    negative * negative
 }

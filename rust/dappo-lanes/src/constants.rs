@@ -8,7 +8,10 @@ use crate::lane::Lane;
 use crate::math::{Sym3, Vec3, zero3};
 use crate::model::{Cone, Inertia, Integrator, Link, Model, Point, RimPlace, Softness, Surface, Vector};
 
+const IDENTITY: [Vector; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 /// What all damage classes share.
+#[expect(clippy::struct_excessive_bools, reason = "each is a feature that costs nothing where it is absent")]
 pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub timestep: f64,
     pub integrator: Integrator,
@@ -18,6 +21,8 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub cone: Cone,
     /// Whether the free joint has damping.
     pub damps_root: bool,
+    /// Whether some point has another contact than a pyramid with sliding friction.
+    pub has_cones: bool,
     /// Whether some joint has dry friction.
     pub has_dry_friction: bool,
     /// Joints of each limb; a limb with fewer joints than `J` ends in joints that are always at rest.
@@ -30,8 +35,11 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
 }
 
 /// The shared part of a [`Link`].
+#[expect(clippy::struct_excessive_bools, reason = "each is a feature that costs nothing where it is absent")]
 pub struct Joint<T: Lane> {
     pub axes: [[T::Scalar; 3]; 3],
+    /// Whether `axes` are those of the parent.
+    pub is_aligned: bool,
     pub zero: T::Scalar,
     pub margin: T::Scalar,
     pub limit: Impedance<T>,
@@ -60,6 +68,13 @@ pub struct Carrier<T: Lane> {
     pub frictions: usize,
     pub body: usize,
     pub touch: Option<usize>,
+}
+
+impl<T: Lane> Carrier<T> {
+    /// Whether its contact is a pyramid with sliding friction alone.
+    pub fn is_plain(&self) -> bool {
+        self.cone == Cone::Pyramidal && self.frictions == 2
+    }
 }
 
 /// A [`Surface`].
@@ -136,6 +151,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
             }
         }
         let links = || classes.iter().flat_map(|class| class.limbs.iter().flatten());
+        let points: Vec<_> = model.points.iter().map(|point| shared_point(point, model.cone)).collect();
         let inertias = || classes.iter().map(|class| &class.root).chain(links().map(|link| &link.inertia));
         Ok(Self {
             timestep: model.timestep,
@@ -144,6 +160,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
             compensates: inertias().any(|inertia| inertia.compensated != 0.0),
             cone: model.cone,
             damps_root: classes.iter().any(|class| class.root_damping != 0.0),
+            has_cones: !points.iter().all(Carrier::is_plain),
             has_dry_friction: links().any(|link| link.friction_loss > 0.0),
             joints: std::array::from_fn(|limb| {
                 std::array::from_fn(|joint| {
@@ -152,7 +169,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
                     of_classes.first().map_or_else(completing_joint, |link| shared_joint(link, &of_classes))
                 })
             }),
-            points: model.points.iter().map(|point| shared_point(point, model.cone)).collect(),
+            points,
             dofs: model.dofs(),
             bodies: model.bodies,
             touch_sensors: model.touch_sensors,
@@ -199,6 +216,7 @@ fn shared_joint<T: Lane>(link: &Link, of_classes: &[&Link]) -> Joint<T> {
     let some = |has: fn(&Link) -> bool| of_classes.iter().any(|link| has(link));
     Joint {
         axes: link.axes.map(scalars::<T>),
+        is_aligned: link.axes == IDENTITY,
         zero: T::scalar(link.zero),
         margin: T::scalar(link.margin),
         limit: Impedance::new(&link.limit),
@@ -217,7 +235,8 @@ fn completing_joint<T: Lane>() -> Joint<T> {
     let rigid =
         Softness { stiffness: 1.0, damping: 1.0, impedance: [0.5; 2], width: 1.0, midpoint: 0.5, power: 1 };
     Joint {
-        axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(scalars::<T>),
+        axes: IDENTITY.map(scalars::<T>),
+        is_aligned: true,
         zero: T::scalar(0.0),
         margin: T::scalar(0.0),
         limit: Impedance::new(&rigid),

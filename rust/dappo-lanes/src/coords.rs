@@ -39,15 +39,6 @@ impl<T: Lane, const L: usize, const J: usize> Coords<T, L, J> {
         );
     }
 
-    /// self ← self where the mask is true, 0 elsewhere.
-    #[inline(always)]
-    pub fn keep(&mut self, mask: T::Mask) {
-        self.for_each(
-            #[inline(always)]
-            |entry| *entry = entry.keep(mask),
-        );
-    }
-
     /// self ← self − other.
     #[inline(always)]
     pub fn subtract(&mut self, other: &Self) {

@@ -40,13 +40,12 @@ impl<T: Lane> Friction<T> {
         (self.weight * residual).clamp(-self.most, self.most)
     }
 
-    /// Adds the cost at a residual to a sum.
+    /// What the Hessian of the cost demands for the reference, less the gradient that does not vanish with
+    /// the residual.
     #[inline(always)]
-    pub fn add_cost(&self, residual: T, sum: T) -> T {
-        let half = T::of(0.5);
-        let sticking = half * self.weight * residual * residual;
-        let slipping = self.most * (residual.abs() - half * self.most / self.weight);
-        sum + T::select(self.sticks(residual), sticking, slipping)
+    pub fn demand(&self) -> T {
+        let sticks = self.sticks(self.residual);
+        T::select(sticks, self.weight * self.reference, -self.gradient(self.residual))
     }
 
     /// Lanes in which the joint does not stick at both residuals, or slip in the same direction.
@@ -64,7 +63,14 @@ impl<T: Lane> DryFriction<T> {
         Self { rows: Vec::with_capacity(joints) }
     }
 
-    /// Follows the velocities.
+    /// Forgets the evaluation before.
+    #[inline(always)]
+    pub fn forget(&mut self) {
+        self.rows.clear();
+    }
+
+    /// Follows the velocities. The residuals are those of the evaluation before, or without one, those without
+    /// acceleration.
     #[inline(always)]
     pub fn update<const L: usize, const J: usize>(
         &mut self,
@@ -72,21 +78,27 @@ impl<T: Lane> DryFriction<T> {
         constants: &Constants<T, L, J>,
         velocities: &[[T; J]; L],
     ) {
-        self.rows.clear();
+        let mut index = 0;
         for limb in 0..L {
             for joint in 0..J {
                 let link = &constants.links[limb][joint];
                 let Some(damping) = skeleton.joints[limb][joint].dry_friction else {
                     continue;
                 };
-                self.rows.push(Friction {
-                    joint: (limb, joint),
-                    most: link.friction_loss,
-                    weight: link.friction_weight,
-                    reference: -(T::splat(damping) * velocities[limb][joint]),
-                    residual: T::zero(),
-                    slope: T::zero(),
-                });
+                let reference = -(T::splat(damping) * velocities[limb][joint]);
+                if let Some(row) = self.rows.get_mut(index) {
+                    row.reference = reference;
+                } else {
+                    self.rows.push(Friction {
+                        joint: (limb, joint),
+                        most: link.friction_loss,
+                        weight: link.friction_weight,
+                        reference,
+                        residual: -reference,
+                        slope: T::zero(),
+                    });
+                }
+                index += 1;
             }
         }
     }

@@ -1,9 +1,10 @@
 //! What contacts do to bodies and touch sensors.
 
 use crate::constants::Skeleton;
-use crate::contact::{Contact, wrench};
+use crate::contact::Contacts;
 use crate::dynamics::Dynamics;
 use crate::lane::Lane;
+use crate::math::Vec3;
 
 /// Forces of one evaluation.
 pub struct Forces<T> {
@@ -29,13 +30,13 @@ impl<T: Lane> Forces<T> {
         for entry in self.bodies.as_flattened_mut() {
             *entry = T::select(mask, T::zero(), *entry);
         }
-        for contact in &dynamics.contacts {
-            let (force, torque) = wrench(contact, dynamics.center);
-            let body = &mut self.bodies[skeleton.points[contact.point].body];
-            for i in 0..3 {
-                body[i] += torque[i].keep(mask);
-                body[3 + i] += force[i].keep(mask);
-            }
+        for pyramid in &dynamics.contacts.pyramids {
+            let wrench = pyramid.contact.wrench(pyramid.gradient(), dynamics.center);
+            add_wrench(&mut self.bodies[skeleton.points[pyramid.contact.point].body], wrench, mask);
+        }
+        for cone in &dynamics.contacts.cones {
+            let wrench = cone.wrench(dynamics.center);
+            add_wrench(&mut self.bodies[skeleton.points[cone.contact.point].body], wrench, mask);
         }
     }
 
@@ -44,7 +45,7 @@ impl<T: Lane> Forces<T> {
     pub fn set_touch<const L: usize, const J: usize>(
         &mut self,
         skeleton: &Skeleton<T, L, J>,
-        contacts: &[Contact<T, J>],
+        contacts: &Contacts<T, J>,
         mask: T::Mask,
     ) {
         if self.touch.is_empty() {
@@ -53,10 +54,23 @@ impl<T: Lane> Forces<T> {
         for touch in &mut self.touch {
             *touch = T::select(mask, T::zero(), *touch);
         }
-        for contact in contacts {
-            if let Some(sensor) = skeleton.points[contact.point].touch {
-                self.touch[sensor] += (-contact.push().gradient[0]).keep(mask);
+        for pyramid in &contacts.pyramids {
+            if let Some(sensor) = skeleton.points[pyramid.contact.point].touch {
+                self.touch[sensor] += (-pyramid.gradient()[0]).keep(mask);
             }
         }
+        for cone in &contacts.cones {
+            if let Some(sensor) = skeleton.points[cone.contact.point].touch {
+                self.touch[sensor] += (-cone.push().gradient[0]).keep(mask);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add_wrench<T: Lane>(body: &mut [T; 6], (force, torque): (Vec3<T>, Vec3<T>), mask: T::Mask) {
+    for i in 0..3 {
+        body[i] += torque[i].keep(mask);
+        body[3 + i] += force[i].keep(mask);
     }
 }

@@ -34,7 +34,7 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
             Integrator::Rk4 { rotation_correction } => {
                 self.runge_kutta(state, rotation_correction, observer);
             }
-            Integrator::Euler { .. } | Integrator::ImplicitFast => self.euler(state, observer),
+            Integrator::Euler { .. } | Integrator::ImplicitFast { .. } => self.euler(state, observer),
         }
     }
 
@@ -58,7 +58,7 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
         let actuation = &self.dynamics.actuation;
         let acceleration = match self.skeleton.integrator {
             Integrator::Euler { implicit_damping: false } => state.warm_start,
-            Integrator::ImplicitFast => {
+            Integrator::ImplicitFast { .. } => {
                 let drag = actuation.drag;
                 self.dynamics.implicit_qacc(self.constants.root_damping, &drag, timestep)
             }

@@ -2,9 +2,10 @@
 //! origin. (Documentation: Computation, "Kinematic tree".)
 
 use crate::constants::{Constants, Skeleton};
+use crate::coords::Coords;
 use crate::lane::Lane;
 use crate::math::{
-    Axes, Vec3, add, cross, quat_axes, quat_normalize, rotate, scale, scale_add, sin_cos, splat3, sub, zero3,
+    Axes, Vec3, add, cross, quat_axes, quat_normalize, rotate, scale, scale_add, sin_cos, sub, turned, zero3,
 };
 use crate::state::Position;
 
@@ -64,9 +65,7 @@ impl<T: Lane, const L: usize, const J: usize> Kinematics<T, L, J> {
                 let (shared, link) = (&skeleton.joints[limb][joint], &constants.links[limb][joint]);
                 let pose = &mut self.links[limb][joint];
                 anchor = add(anchor, rotate(&parent, link.offset));
-                let x = rotate(&parent, splat3(shared.axes[0]));
-                let y = rotate(&parent, splat3(shared.axes[1]));
-                let hinge = rotate(&parent, splat3(shared.axes[2]));
+                let [x, y, hinge] = if shared.is_aligned { parent } else { turned(&parent, &shared.axes) };
                 let (sin, cos) = sin_cos(position.joints[limb][joint] - T::splat(shared.zero));
                 let turned_x = scale_add(y, sin, scale(x, cos));
                 let turned_y = scale_add(x, -sin, scale(y, cos));
@@ -77,5 +76,11 @@ impl<T: Lane, const L: usize, const J: usize> Kinematics<T, L, J> {
                 pose.sweep = cross(anchor, hinge);
             }
         }
+    }
+
+    /// A vector with its angular entries along the world's axes instead of the root's.
+    #[inline(always)]
+    pub fn to_world(&self, coords: &Coords<T, L, J>) -> Coords<T, L, J> {
+        coords.with_angular(rotate(&self.root, coords.angular()))
     }
 }

@@ -21,7 +21,9 @@ mod dry_friction;
 mod limit;
 
 mod cone;
+mod pyramid;
 
+mod hessian;
 mod solver;
 
 mod dynamics;

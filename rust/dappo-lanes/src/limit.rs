@@ -7,8 +7,6 @@ use crate::lane::{Lane, Mask};
 /// The limits of all joints. A joint is near at most one of its two limits.
 pub struct Limits<T: Lane, const L: usize, const J: usize> {
     pub rows: [[Limit<T>; J]; L],
-    /// Lanes in which some limit pushes or may come to push.
-    pub present: T::Mask,
 }
 
 /// One constraint: sign · velocity of the joint may not fall below a reference.
@@ -26,11 +24,18 @@ pub struct Limit<T: Lane> {
     pub residual: T,
     /// Change of the residual along the solver's search direction.
     pub slope: T,
-    /// Lanes in which it pushes at the beginning of a line search.
+    /// Lanes in which it pushed when the derivatives were last computed.
     pub active: T::Mask,
 }
 
 impl<T: Lane> Limit<T> {
+    /// Lanes that have it and in which it pushes at one residual but not at the other.
+    #[inline(always)]
+    pub fn changes(&self, residual: T) -> T::Mask {
+        let zero = T::zero();
+        (residual.lt(zero) ^ self.active) & zero.lt(self.weight)
+    }
+
     fn absent() -> Self {
         let zero = T::zero();
         Self {
@@ -47,10 +52,19 @@ impl<T: Lane> Limit<T> {
 
 impl<T: Lane, const L: usize, const J: usize> Limits<T, L, J> {
     pub fn none() -> Self {
-        Self { rows: [[Limit::absent(); J]; L], present: T::Mask::none() }
+        Self { rows: [[Limit::absent(); J]; L] }
     }
 
-    /// Finds the limits that push.
+    /// Forgets the evaluation before.
+    #[inline(always)]
+    pub fn forget(&mut self) {
+        for row in self.rows.as_flattened_mut() {
+            row.weight = T::zero();
+        }
+    }
+
+    /// Finds the limits that push. Their residuals are those of the evaluation before, or where a limit is new,
+    /// those without acceleration.
     #[inline(always)]
     pub fn update(
         &mut self,
@@ -60,7 +74,6 @@ impl<T: Lane, const L: usize, const J: usize> Limits<T, L, J> {
         velocities: &[[T; J]; L],
     ) {
         let (zero, one) = (T::zero(), T::of(1.0));
-        self.present = T::Mask::none();
         for limb in 0..L {
             for joint in 0..J {
                 let (link, row) = (&constants.links[limb][joint], &mut self.rows[limb][joint]);
@@ -73,15 +86,18 @@ impl<T: Lane, const L: usize, const J: usize> Limits<T, L, J> {
                 let near = distance.lt(zero);
                 row.somewhere = near.any();
                 if !row.somewhere {
+                    row.weight = zero;
                     continue;
                 }
-                let sign = T::select(lower, one, -one);
+                let sign = T::select(lower, one, -one).keep(near);
+                let known = zero.lt(row.weight) & zero.lt(sign * row.sign);
                 let impedance = softness.at(distance.abs());
                 let pull = T::splat(softness.stiffness) * impedance * distance;
-                row.sign = sign.keep(near);
+                row.sign = sign;
                 row.weight = (impedance / ((one - impedance) * link.inverse_weight)).keep(near);
-                row.reference = -(T::splat(softness.damping) * sign * velocity) - pull;
-                self.present = self.present | near;
+                // A joint may have no limit in another lane: its distance is then infinite.
+                row.reference = (-(T::splat(softness.damping) * sign * velocity) - pull).keep(near);
+                row.residual = T::select(known, row.residual, -row.reference);
             }
         }
     }

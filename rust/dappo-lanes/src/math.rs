@@ -33,6 +33,17 @@ pub fn sub<T: Lane>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
 }
 
 #[inline(always)]
+pub fn negate<T: Lane>(a: Vec3<T>) -> Vec3<T> {
+    [-a[0], -a[1], -a[2]]
+}
+
+/// `yes` where the mask is true, `no` elsewhere.
+#[inline(always)]
+pub fn select3<T: Lane>(mask: T::Mask, yes: Vec3<T>, no: Vec3<T>) -> Vec3<T> {
+    [T::select(mask, yes[0], no[0]), T::select(mask, yes[1], no[1]), T::select(mask, yes[2], no[2])]
+}
+
+#[inline(always)]
 pub fn scale<T: Lane>(a: Vec3<T>, factor: T) -> Vec3<T> {
     [a[0] * factor, a[1] * factor, a[2] * factor]
 }
@@ -61,6 +72,12 @@ pub fn cross<T: Lane>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
 #[inline(always)]
 pub fn rotate<T: Lane>(axes: &Axes<T>, v: Vec3<T>) -> Vec3<T> {
     scale_add(axes[2], v[2], scale_add(axes[1], v[1], scale(axes[0], v[0])))
+}
+
+/// Axes that are given in a frame, in the world's coordinates.
+#[inline(always)]
+pub fn turned<T: Lane>(axes: &Axes<T>, inner: &[[T::Scalar; 3]; 3]) -> Axes<T> {
+    [rotate(axes, splat3(inner[0])), rotate(axes, splat3(inner[1])), rotate(axes, splat3(inner[2]))]
 }
 
 /// The frame's coordinates of a vector that is given in the world's.

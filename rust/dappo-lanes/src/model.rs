@@ -74,7 +74,11 @@ pub enum Integrator {
         implicit_damping: bool,
     },
     /// Semi-implicit Euler, implicit in the velocity derivatives of damping and actuators.
-    ImplicitFast,
+    ImplicitFast {
+        /// Whether an actuator loses its derivative while its torque is clamped at the joint
+        /// (`actuatorfrcrange`), as in MuJoCo from 4.0 on.
+        clamped_without_derivative: bool,
+    },
 }
 
 /// Mass distribution of a rigid body in its frame.

@@ -167,6 +167,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     #[inline(always)]
     fn forward_lanes(&mut self, mask: T::Mask, dynamics: &mut Dynamics<T, L, J>) {
         let skeleton = &self.robot.skeleton;
+        dynamics.forget();
         let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
         substep.forward(&self.state);
         let dynamics = substep.dynamics;
@@ -180,6 +181,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     #[inline(always)]
     fn step_lanes(&mut self, mask: T::Mask, substeps: usize, dynamics: &mut Dynamics<T, L, J>) -> T {
         let skeleton = &self.robot.skeleton;
+        dynamics.forget();
         let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
         let mut recorder = Recorder {
             skeleton,

@@ -37,6 +37,10 @@ pub struct Meta {
     pub threads: usize,
     /// Operating system and processor architecture.
     pub platform: String,
+    /// Name of the processor.
+    pub cpu: String,
+    /// Vector instruction set of the lane engine and of the networks.
+    pub simd: String,
     /// The command that started the run.
     pub command: Vec<String>,
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays};
+use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, Rules};
 use dappo_sim::backend::mujoco::{
     Field, ModelTable, MujocoBackend, MujocoLibrary, VariedModel, WorkerFields,
 };
@@ -161,13 +161,18 @@ impl<'py> ClassTable<'py> {
 
     /// The arrays of the models of all classes.
     fn arrays(&self) -> PyResult<Vec<ModelArrays>> {
-        let probe = self.object.py().import("dappo_batch.model.rotation_correction")?;
-        let rotation_correction = probe.call_method0("rotation_correction")?.extract()?;
+        let probe = |module: &str, name: &str| self.object.py().import(module)?.call_method0(name);
+        let rules = Rules {
+            rotation_correction: probe("dappo_batch.model.rotation_correction", "rotation_correction")?
+                .extract()?,
+            clamped_without_derivative: probe(
+                "dappo_batch.model.clamped_actuators",
+                "clamped_without_derivative",
+            )?
+            .extract()?,
+        };
         let models = self.object.getattr("models")?;
-        models
-            .try_iter()?
-            .map(|model| ModelArrays::read(&PyModel::new(model?)?, rotation_correction))
-            .collect()
+        models.try_iter()?.map(|model| ModelArrays::read(&PyModel::new(model?)?, rules)).collect()
     }
 
     /// The limbs whose touch signal each class disables.

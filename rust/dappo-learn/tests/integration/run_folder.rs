@@ -27,6 +27,8 @@ pub fn create(root: &Path, seed: u64) -> Result<LockedRun, String> {
         reward: "gym".into(),
         threads: 1,
         platform: "test".into(),
+        cpu: "test".into(),
+        simd: "test".into(),
         command: Vec::new(),
     };
     let config = Config { robot: "ant".into(), seed, ..Config::default() };

@@ -11,6 +11,7 @@ use dappo_learn::metrics::Metrics;
 use dappo_learn::run_folder::{LockedRun, Meta, RunFolder};
 use dappo_learn::train::{Observer, Resumption, train};
 use dappo_learn::walk::Encoding;
+use dappo_sim::simd;
 use pyo3::prelude::*;
 
 use super::args::{ConfigArgs, TrainArgs};
@@ -130,6 +131,8 @@ fn create(
         reward: factory.reward_name(config),
         threads,
         platform: format!("{}-{}", std::env::consts::OS, std::env::consts::ARCH),
+        cpu: py.import("dappo_batch.machine")?.call_method0("cpu_name")?.extract()?,
+        simd: simd::chosen().or_raise()?.name().into(),
         command: given.to_vec(),
     };
     let robot = RobotCopy::of(py, config)?.to_keep(py)?;

@@ -23,6 +23,15 @@ pub trait ModelReader {
     fn names(&self) -> Result<Vec<u8>, Self::Error>;
 }
 
+/// What versions of MuJoCo compute differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rules {
+    /// Whether RK4 corrects the rates of the root's rotation; `None` if it does something else again.
+    pub rotation_correction: Option<bool>,
+    /// Whether implicitfast drops the velocity derivative of an actuator whose torque `actuatorfrcrange` clamps.
+    pub clamped_without_derivative: bool,
+}
+
 /// An entry of a field that is not zero although the lane engine needs it to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Switched {
@@ -55,15 +64,15 @@ macro_rules! model_arrays {
             pub gravity: Vec<f64>,
             /// `stat.meaninertia`.
             pub meaninertia: f64,
-            /// Whether RK4 corrects the rates of the root's rotation; `None` if it does something else again.
-            pub rotation_correction: Option<bool>,
+            /// Rules of the version of MuJoCo that compiled it.
+            pub rules: Rules,
             pub(super) switched: Vec<Switched>,
             pub(super) names: Vec<u8>,
         }
 
         impl ModelArrays {
             /// Reads a compiled model.
-            pub fn read<R: ModelReader>(reader: &R, rotation_correction: Option<bool>) -> Result<Self, R::Error> {
+            pub fn read<R: ModelReader>(reader: &R, rules: Rules) -> Result<Self, R::Error> {
                 let scalar = |name: &str| reader.reals(name).map(|values| values.first().copied().unwrap_or(0.0));
                 let flag = |name: &str| reader.integers(name).map(|values| values.first().copied().unwrap_or(0));
                 Ok(Self {
@@ -77,7 +86,7 @@ macro_rules! model_arrays {
                     cone: flag("opt.cone")?,
                     gravity: reader.reals("opt.gravity")?,
                     meaninertia: scalar("stat.meaninertia")?,
-                    rotation_correction,
+                    rules,
                     switched: switched(reader)?,
                     names: reader.names()?,
                 })

@@ -226,11 +226,14 @@ fn compile(arrays: &ModelArrays, main_body: usize, touch_addresses: &[usize]) ->
 
 /// `mjtIntegrator`.
 fn integrator(arrays: &ModelArrays) -> Result<Integrator, Unsupported> {
-    match (arrays.integrator, arrays.rotation_correction) {
+    match (arrays.integrator, arrays.rules.rotation_correction) {
         (0, _) => Ok(Integrator::Euler { implicit_damping: arrays.disableflags & EULER_DAMPING_OFF == 0 }),
         (1, Some(rotation_correction)) => Ok(Integrator::Rk4 { rotation_correction }),
         (1, None) => refuse("this version of MuJoCo rotates bodies in RK4 differently from the engine"),
-        (3, _) => Ok(Integrator::ImplicitFast),
+        (3, _) => {
+            let clamped_without_derivative = arrays.rules.clamped_without_derivative;
+            Ok(Integrator::ImplicitFast { clamped_without_derivative })
+        }
         (other, _) => {
             refuse(format!("opt.integrator is {other}; it supports Euler (0), RK4 (1) and implicitfast (3)"))
         }

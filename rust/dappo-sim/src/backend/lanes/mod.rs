@@ -23,7 +23,7 @@ use crate::error::{SimError, expect_len};
 use crate::simd::Simd;
 use crate::task::Task;
 
-pub use arrays::{ModelArrays, ModelReader};
+pub use arrays::{ModelArrays, ModelReader, Rules};
 use block::{Block, BlockOutputs};
 pub use compile::{LaneTable, Sizes};
 pub use dappo_lanes::{Group, Readout};
