@@ -45,7 +45,9 @@ def test_a_run_of_an_earlier_version_resumes(tmp_path: Path) -> None:
         assert resumed.keys() <= whole.keys()
         for key, value in resumed.items():
             if isinstance(value, float):
-                assert value == pytest.approx(whole[key], rel=1e-3), key
+                # The velocities of a robot that hardly moves cancel in the sum over an episode.
+                least = 1e-3 if key == "forward_reward" else None
+                assert value == pytest.approx(whole[key], rel=1e-3, abs=least), key
     with (tmp_path / "run" / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["iteration"]) for row in rows] == [
