@@ -93,7 +93,7 @@ def test_damage_is_detected_and_diagnosed_and_healthy_robots_raise_no_alarm(tria
     assert len(damaged) == CLASSES - 1
     assert healthy["false_alarms"] == 0
     assert healthy["adapted"] == healthy["oracle"] == healthy["no_adaptation"]
-    # Damage of a leg that a policy of so little training hardly uses may take longer to show, or not show at all.
+    # Damage of a leg that a policy of so little training hardly uses may take longer to show, or not show.
     detected = np.array([row["detected"] for row in damaged])
     assert detected.min() >= EPISODES / 2
     assert detected.mean() >= 0.95 * EPISODES
