@@ -11,12 +11,16 @@
 
 mod action;
 mod anatomy;
+mod check;
 mod command;
+mod control;
 mod events;
 mod memory;
 mod observation;
 mod reward;
+mod scene;
 mod signals;
+mod state;
 mod termination;
 
 use crate::backend::{Layout, Reset};
@@ -34,11 +38,12 @@ pub use signals::Signals;
 pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 
 use action::ActuatorAction;
-use anatomy::{apply_inverse, root_rotation};
+use check::check;
 use command::COMMAND;
 use events::{Drawn, steps};
 use memory::{Clock, FootRow, Slots};
 use observation::ObservationGroup;
+use scene::Scene;
 use termination::Limits;
 
 /// Everything that turns physics into what a learner sees.
@@ -74,22 +79,6 @@ pub struct Outcome {
     pub reward: f64,
     /// Whether the episode has failed.
     pub terminated: bool,
-}
-
-/// One env as the terms see it.
-pub(crate) struct Scene<'a> {
-    signals: &'a Signals<'a>,
-    layout: &'a Layout,
-    /// What the task remembers of the env.
-    row: &'a [f64],
-    slots: &'a Slots,
-    drawn: &'a Drawn,
-    /// Duration of an env step, s.
-    dt: f64,
-    /// Unit vector of gravity in the root's frame.
-    gravity: [f64; 3],
-    /// Linear velocity of the root in its frame.
-    lin_vel: [f64; 3],
 }
 
 impl Task {
@@ -310,68 +299,6 @@ impl Task {
         self.events.varies()
     }
 
-    /// A sudden change of the root's velocities before this step, linear along the world's axes, angular along its own.
-    #[must_use]
-    pub fn push(&self, row: &mut [f64]) -> Option<[f64; 6]> {
-        let push = self.events.push?;
-        let clock = Clock::read(&row[self.slots.episode.clone()]);
-        let at = self.drawn.next_push(&mut row[self.slots.events.clone()])?;
-        if clock.step < *at as u64 {
-            return None;
-        }
-        let mut stream = clock.stream(Purpose::Push);
-        *at += steps(events::within(&mut stream, push.every), self.dt()) as f64;
-        Some(push.draw(&mut stream))
-    }
-
-    /// Turns the action of an env into controls.
-    ///
-    /// # Shapes
-    /// - `row`: `[memory_len]`; `action`, `ctrl`: `[nu]`
-    pub fn act(&self, row: &mut [f64], action: &[f32], ctrl: &mut [f64]) {
-        let clipped = action.iter().map(|action| f64::from(action.clamp(-1.0, 1.0)));
-        for (ctrl, action) in ctrl.iter_mut().zip(clipped) {
-            *ctrl = action;
-        }
-        if !self.slots.actions.is_empty() {
-            let actions = &mut row[self.slots.actions.clone()];
-            actions.copy_within(..ctrl.len(), ctrl.len());
-            actions[..ctrl.len()].copy_from_slice(ctrl);
-        }
-        if !self.slots.waiting.is_empty() {
-            self.delay(row, ctrl);
-        }
-        for (ctrl, action) in ctrl.iter_mut().zip(&self.actions) {
-            *ctrl = action.offset + action.scale * *ctrl;
-        }
-        // A servo holds the position that its encoder reads.
-        for ((ctrl, actuator), bias) in
-            ctrl.iter_mut().zip(&self.layout.anatomy.actuators).zip(self.encoder_bias(row))
-        {
-            if actuator.is_position {
-                *ctrl -= bias;
-            }
-        }
-    }
-
-    /// Replaces an action with the one that arrives now.
-    fn delay(&self, row: &mut [f64], action: &mut [f64]) {
-        let (nu, delay) = (action.len(), self.drawn.action_delay(&row[self.slots.events.clone()]));
-        let waiting = &mut row[self.slots.waiting.clone()];
-        // The newest waits at the end.
-        let newest = waiting.len() - nu;
-        let arrived = (delay > 0).then(|| waiting[waiting.len() - delay * nu..][..nu].to_vec());
-        waiting.copy_within(nu.., 0);
-        waiting[newest..].copy_from_slice(action);
-        if let Some(arrived) = arrived {
-            action.copy_from_slice(&arrived);
-        }
-    }
-
-    fn encoder_bias<'a>(&self, row: &'a [f64]) -> &'a [f64] {
-        self.drawn.encoder_bias(&row[self.slots.events.clone()])
-    }
-
     /// What a step has brought. Afterwards the task is at the next step, with the command that holds there.
     ///
     /// # Shapes
@@ -441,104 +368,6 @@ impl Task {
             critic.write(&scene, Purpose::PrivilegedNoise, is_first, other, privileged);
         }
     }
-
-    fn scene<'a>(&'a self, row: &'a [f64], signals: &'a Signals<'a>) -> Scene<'a> {
-        let rotation = root_rotation(signals.qpos);
-        Scene {
-            signals,
-            layout: &self.layout,
-            row,
-            slots: &self.slots,
-            drawn: &self.drawn,
-            dt: self.dt(),
-            gravity: apply_inverse(&rotation, [0.0, 0.0, -1.0]),
-            lin_vel: apply_inverse(&rotation, [signals.qvel[0], signals.qvel[1], signals.qvel[2]]),
-        }
-    }
-
-    /// Reads positions and velocities back from an observation; what it leaves out (x and y of the root) becomes 0.
-    /// False, with nothing written, if the observation shows no more than a part of them.
-    ///
-    /// # Shapes
-    /// - `obs`: `[obs_dim]`, `qpos`: `[nq]`, `qvel`: `[nv]`
-    pub fn read_state(&self, obs: &[f32], qpos: &mut [f64], qvel: &mut [f64]) -> bool {
-        let (mut positions, mut velocities) = (None, None);
-        for (term, block) in self.policy.blocks() {
-            // The floor is level: a robot moves at (0, 0) as it does anywhere else.
-            if term.shows_positions() {
-                positions = Some(&obs[block]);
-            } else if term.shows_velocities() {
-                velocities = Some(&obs[block]);
-            }
-        }
-        let (Some(positions), Some(velocities)) = (positions, velocities) else { return false };
-        let (unseen, seen) = qpos.split_at_mut(self.layout.nq - positions.len());
-        unseen.fill(0.0);
-        for (state, shown) in [(seen, positions), (qvel, velocities)] {
-            state.iter_mut().zip(shown).for_each(|(state, shown)| *state = f64::from(*shown));
-        }
-        true
-    }
-
-    /// Whether observations show all positions, but for x and y of the root, and all velocities.
-    #[must_use]
-    pub fn is_observed(&self) -> bool {
-        let has = |wanted: fn(&ObservationTerm) -> bool| self.policy.blocks().any(|(term, _)| wanted(term));
-        has(ObservationTerm::shows_positions) && has(ObservationTerm::shows_velocities)
-    }
-
-    /// Whether each entry of an observation is a position or a velocity, `[obs_dim]`.
-    #[must_use]
-    pub fn shows_state(&self) -> Vec<bool> {
-        let is_state = |quantity: &Quantity| matches!(quantity, Quantity::Qpos { .. } | Quantity::Qvel);
-        self.policy
-            .blocks()
-            .flat_map(|(term, block)| std::iter::repeat_n(is_state(&term.quantity), block.len()))
-            .collect()
-    }
-}
-
-impl<'a> Scene<'a> {
-    fn slot(&self, range: &std::ops::Range<usize>) -> &'a [f64] {
-        &self.row[range.clone()]
-    }
-
-    /// Commanded velocity: forward, to the left, rate of turn.
-    fn command(&self) -> &'a [f64] {
-        &self.slot(&self.slots.command)[..COMMAND]
-    }
-
-    /// The last action, clipped to ±1, `[nu]`.
-    fn action(&self) -> &'a [f64] {
-        &self.slot(&self.slots.actions)[..self.layout.nu]
-    }
-
-    /// The action before the last one.
-    fn previous_action(&self) -> &'a [f64] {
-        &self.slot(&self.slots.actions)[self.layout.nu..]
-    }
-
-    fn feet(&self) -> impl Iterator<Item = FootRow<'a>> {
-        self.slot(&self.slots.feet).chunks_exact(FootRow::LENGTH).map(FootRow)
-    }
-
-    /// What the events have drawn.
-    fn events(&self) -> &'a [f64] {
-        self.drawn.shown(self.slot(&self.slots.events))
-    }
-
-    fn encoder_bias(&self) -> &'a [f64] {
-        self.drawn.encoder_bias(self.slot(&self.slots.events))
-    }
-
-    fn clock(&self) -> Clock {
-        Clock::read(self.slot(&self.slots.episode))
-    }
-
-    /// Time since the episode began, s.
-    fn time(&self) -> f64 {
-        self.clock().step as f64 * self.dt
-    }
 }
 
 /// The first term that rewards tracking of linear velocities, and its index.
@@ -546,50 +375,4 @@ pub(crate) fn tracking(terms: &[RewardTerm]) -> Option<(usize, &RewardTerm)> {
     let is_tracking =
         |term: &RewardTerm| matches!(term.measure, Measure::TrackLinVel { .. }) && term.weight > 0.0;
     terms.iter().enumerate().find(|(_, term)| is_tracking(term))
-}
-
-/// Refuses a compiled robot that the terms cannot be computed for.
-fn check(robot: &Robot, layout: &Layout, rewards: &[RewardTerm]) -> Result<(), String> {
-    if layout.nq < 3 {
-        return Err(format!("it has {} positions, but the third one is the height of its root", layout.nq));
-    }
-    if layout.nu == 0 {
-        return Err("it has no actuators".into());
-    }
-    let anatomy = &layout.anatomy;
-    let has_joints = anatomy.actuators.len() == layout.nu
-        && anatomy.actuators.iter().all(|actuator| actuator.joint.is_some());
-    let has_feet = anatomy.feet.first().is_some_and(|feet| !feet.is_empty());
-    let needs = |what: String, joints: bool, feet: bool, command: bool| {
-        if joints && !has_joints {
-            return Err(format!("{what} needs a hinge behind every actuator"));
-        }
-        if feet && !has_feet {
-            return Err(format!("{what} needs an entry `foot` in every [[limbs]]"));
-        }
-        if command && robot.commands.velocity.is_none() {
-            return Err(format!("{what} needs [commands.velocity]"));
-        }
-        Ok(())
-    };
-    let critic = robot.observation.critic.iter().flat_map(|critic| &critic.terms);
-    for (index, term) in robot.observation.policy.terms.iter().chain(critic).enumerate() {
-        let quantity = &term.quantity;
-        if let Quantity::Qpos { skip } = quantity
-            && *skip >= layout.nq
-        {
-            return Err(format!(
-                "the observation term `qpos` skips {skip} of {} positions; expected fewer",
-                layout.nq
-            ));
-        }
-        let joints = matches!(quantity, Quantity::JointPos | Quantity::JointVel);
-        let what = format!("term {index} of the observation");
-        needs(what, joints, quantity.needs_feet(), *quantity == Quantity::Command)?;
-    }
-    for RewardTerm { name, measure, .. } in rewards {
-        let what = format!("the reward term `{name}`");
-        needs(what, measure.needs_joints(), measure.needs_feet(), measure.needs_command())?;
-    }
-    needs("[events.encoder_bias]".into(), robot.events.encoder_bias.is_some(), false, false)
 }
