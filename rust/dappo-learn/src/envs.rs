@@ -92,7 +92,7 @@ pub trait EnvFactory {
             autoreset: Autoreset::SameStep,
             max_episode_steps: config.env.max_episode_steps.unwrap_or(self.robot().max_episode_steps),
             classes: config.curriculum[0].mix.distribution(self.space())?,
-            onset: config.damage.onset,
+            course: config.damage.course(),
         })
     }
 }

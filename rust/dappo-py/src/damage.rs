@@ -42,7 +42,7 @@ impl PyDamageClass {
         self.code.iter().map(|&bit| u32::from(bit)).collect()
     }
 
-    /// Pairs (limb, damage type) in ascending order of limb.
+    /// Pairs (limb, damage type) in ascending order of limb, then type.
     #[getter]
     fn damages(&self) -> Vec<(usize, String)> {
         self.damages.clone()
@@ -75,15 +75,20 @@ pub struct PyDamageSpace {
 #[pymethods]
 impl PyDamageSpace {
     #[new]
+    #[pyo3(signature = (limbs, types, max_damaged_limbs, max_damages_per_limb=None))]
     fn new(
         limbs: &Bound<'_, PyAny>,
         types: &Bound<'_, PyAny>,
         max_damaged_limbs: &Bound<'_, PyAny>,
+        max_damages_per_limb: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let number = "a whole number of at least 0";
         let limbs = argument(limbs, "limbs", number)?;
         let types = names(types)?;
-        DamageSpace::new(limbs, types, argument(max_damaged_limbs, "max_damaged_limbs", number)?)
+        let max_damaged_limbs = argument(max_damaged_limbs, "max_damaged_limbs", number)?;
+        let per_limb =
+            max_damages_per_limb.map_or(Ok(1), |most| argument(most, "max_damages_per_limb", number))?;
+        DamageSpace::with_damages_per_limb(limbs, types, max_damaged_limbs, per_limb)
             .map(|inner| Self { inner })
             .or_raise()
     }
@@ -104,6 +109,12 @@ impl PyDamageSpace {
     #[getter]
     fn max_damaged_limbs(&self) -> usize {
         self.inner.max_damaged_limbs()
+    }
+
+    /// Largest number of damages of a limb.
+    #[getter]
+    fn max_damages_per_limb(&self) -> usize {
+        self.inner.max_damages_per_limb()
     }
 
     /// Length of a damage code.

@@ -43,6 +43,7 @@ impl TableFactory {
         let options = PyDict::new(py);
         options.set_item("types", config.damage.types.clone())?;
         options.set_item("max_damaged_limbs", config.damage.max_damaged_limbs)?;
+        options.set_item("max_damages_per_limb", config.damage.max_damages_per_limb)?;
         options.set_item("severity", config.damage.severity)?;
         options.set_item("physics", config.env.physics.clone())?;
         options.set_item("damage_options", to_python(py, &config.damage.options)?)?;

@@ -4,7 +4,7 @@ use dappo_sim::backend::{BackendKind, Device, Physics, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::threads::available;
 use dappo_sim::vector_env::{
-    Autoreset, Buffers, Onset, ResetOptions, VectorEnv, VectorEnvConfig, VectorEnvSnapshot,
+    Autoreset, Buffers, DamageCourse, ResetOptions, StepRange, VectorEnv, VectorEnvConfig, VectorEnvSnapshot,
 };
 use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{
@@ -122,7 +122,8 @@ fn view2<'py, T: Element>(
 impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
-                        max_episode_steps=None, class_weights=None, onset=(0, 0), threads=None,
+                        max_episode_steps=None, class_weights=None, onset=(0, 0), damage_duration=None,
+                        damage_pause=None, threads=None,
                         device="cpu", backend="auto", precision="f32", njmax=None, nconmax=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
@@ -135,6 +136,8 @@ impl PyVectorEnv {
         max_episode_steps: Option<usize>,
         class_weights: Option<PyReadonlyArray1<'_, f64>>,
         onset: (usize, usize),
+        damage_duration: Option<(usize, usize)>,
+        damage_pause: Option<(usize, usize)>,
         threads: Option<usize>,
         device: &str,
         backend: &str,
@@ -153,13 +156,18 @@ impl PyVectorEnv {
                 ClassDistribution::from_weights(weights.as_slice().map_err(not_contiguous)?).or_raise()?
             }
         };
+        let steps = |(first, last)| StepRange { first, last };
         let config = VectorEnvConfig {
             keys: seeds.as_slice().map_err(not_contiguous)?.to_vec(),
             observe_damage,
             autoreset: parse_autoreset(autoreset)?,
             max_episode_steps: max_episode_steps.unwrap_or(table.robot.max_episode_steps),
             classes,
-            onset: Onset { first: onset.0, last: onset.1 },
+            course: DamageCourse {
+                onset: steps(onset),
+                duration: damage_duration.map(steps),
+                pause: damage_pause.map(steps),
+            },
         };
         let lanes = table.lane_table(kind)?;
         let physics = Physics::new(device, lanes.is_ok(), precision);
@@ -246,7 +254,7 @@ impl PyVectorEnv {
     }
 
     /// Starts new episodes in all envs or those of a mask.
-    #[pyo3(signature = (*, seeds=None, mask=None, classes=None, onsets=None))]
+    #[pyo3(signature = (*, seeds=None, mask=None, classes=None, onsets=None, durations=None, pauses=None))]
     fn reset(
         &mut self,
         py: Python<'_>,
@@ -254,11 +262,21 @@ impl PyVectorEnv {
         mask: Option<PyReadonlyArray1<'_, bool>>,
         classes: Option<PyReadonlyArray1<'_, i64>>,
         onsets: Option<PyReadonlyArray1<'_, i64>>,
+        durations: Option<PyReadonlyArray1<'_, i64>>,
+        pauses: Option<PyReadonlyArray1<'_, i64>>,
     ) -> PyResult<()> {
         let keys = seeds.as_ref().map(|keys| keys.as_slice().map_err(not_contiguous)).transpose()?;
         let mask = mask.as_ref().map(|mask| mask.as_slice().map_err(not_contiguous)).transpose()?;
         let (classes, onsets) = (optional(classes)?, optional(onsets)?);
-        let options = ResetOptions { keys, mask, classes: classes.as_deref(), onsets: onsets.as_deref() };
+        let (durations, pauses) = (optional(durations)?, optional(pauses)?);
+        let options = ResetOptions {
+            keys,
+            mask,
+            classes: classes.as_deref(),
+            onsets: onsets.as_deref(),
+            durations: durations.as_deref(),
+            pauses: pauses.as_deref(),
+        };
         let Running { env, pool } = self.running_mut()?;
         pool.run(py, || env.reset(options))
     }

@@ -70,6 +70,12 @@ pub enum Purpose {
     ObservationNoise = 17,
     /// Noise of what the value net alone observes.
     PrivilegedNoise = 18,
+    /// Faults of sensors.
+    SensorFaults = 20,
+    /// Times in which actions do not arrive.
+    ActionDropout = 21,
+    /// How long damage lasts, and how long until it returns.
+    DamageDuration = 22,
 }
 
 /// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).

@@ -2,6 +2,7 @@
 
 mod earlier;
 mod entries;
+mod event_faults;
 mod faults;
 mod nesting;
 mod simplify;
@@ -104,9 +105,16 @@ pub struct DamageSection {
     pub types: Vec<String>,
     /// Largest number of damaged limbs.
     pub max_damaged_limbs: usize,
+    /// Largest number of damages of a limb.
+    #[serde(default = "one_damage")]
+    pub max_damages_per_limb: usize,
     /// Parameters of each type.
     #[serde(flatten)]
     pub parameters: BTreeMap<String, toml::Value>,
+}
+
+fn one_damage() -> usize {
+    1
 }
 
 /// The section `[reset]`: the initial state.

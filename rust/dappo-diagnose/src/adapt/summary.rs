@@ -214,7 +214,7 @@ impl AdaptationSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dappo_sim::vector_env::Onset;
+    use dappo_sim::vector_env::{DamageCourse, StepRange};
 
     use dappo_learn::walk::{Episode, Kept, Walks};
     use dappo_learn::walk::{Event, EventKind};
@@ -232,7 +232,9 @@ mod tests {
 
     /// Damage at step 10.
     fn trial(classes: Vec<usize>, episodes: usize) -> Trial {
-        Trial { classes, episodes, onset: Onset { first: 10, last: 10 }, seed: 0, kept: Kept::Velocities }
+        let onset = StepRange { first: 10, last: 10 };
+        let course = DamageCourse { onset, ..DamageCourse::default() };
+        Trial { classes, episodes, course, seed: 0, kept: Kept::Velocities }
     }
 
     fn walk(class: usize, before: f64, after: f64, suspected: Option<u64>) -> Episode {

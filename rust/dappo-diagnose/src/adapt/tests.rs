@@ -8,7 +8,7 @@ use dappo_learn::walk::{Event, EventKind, Kept, KnownClasses, Trial, Walks};
 use dappo_nn::diagnoser::DiagnoserNet;
 use dappo_nn::{FrozenMlp, InputTransform, Policy, Standardizer, cpu};
 use dappo_sim::rng::env_keys;
-use dappo_sim::vector_env::{Onset, VectorEnv, VectorEnvConfig};
+use dappo_sim::vector_env::{DamageCourse, StepRange, VectorEnv, VectorEnvConfig};
 use dappo_sim::{Backend, DamageSpace, Physics, Robot, SimError};
 
 use super::Contest;
@@ -22,14 +22,15 @@ mod counter;
 /// Length of an observation: positions and the one velocity.
 const OBS: usize = ROW + 1;
 const STEPS: usize = 6;
-const ONSET: Onset = Onset { first: 2, last: 2 };
+const COURSE: DamageCourse =
+    DamageCourse { onset: StepRange { first: 2, last: 2 }, duration: None, pause: None };
 const SEED: u64 = 11;
 const EPISODES: usize = 2;
 /// The healthy robot, and the first damage type at limb 1.
 const CLASSES: [usize; 2] = [0, 3];
 
 /// What the envs of one agent were made of: the keys of their initial states, and when the damage strikes.
-type Made = (Vec<u64>, Onset);
+type Made = (Vec<u64>, DamageCourse);
 
 /// Makes envs that count, and keeps what they were made of.
 struct Factory {
@@ -89,7 +90,7 @@ impl EnvFactory for Factory {
         reward: Option<&str>,
         physics: Physics,
     ) -> Result<VectorEnv, SimError> {
-        self.made.borrow_mut().push((config.keys.clone(), config.onset));
+        self.made.borrow_mut().push((config.keys.clone(), config.course));
         VectorEnv::new(self.backend(config.keys.len(), reward, physics)?, self.space(), config)
     }
 }
@@ -145,7 +146,7 @@ fn run(factory: &Factory, unaware: Option<&Policy>, stop: &dyn Fn() -> bool) -> 
     let trial = Trial {
         classes: CLASSES.to_vec(),
         episodes: EPISODES,
-        onset: ONSET,
+        course: COURSE,
         seed: SEED,
         kept: Kept::Velocities,
     };
@@ -195,7 +196,7 @@ fn all_agents_of_a_contest_walk_the_same_episodes() {
     let starts = env_keys(SEED, EPISODES);
     assert_ne!(starts[0], starts[1]);
     // The controller, the oracle, the policy without adaptation and PPO-Unaware, each with every start in every class.
-    assert_eq!(factory.made.into_inner(), vec![(starts.repeat(CLASSES.len()), ONSET); 4]);
+    assert_eq!(factory.made.into_inner(), vec![(starts.repeat(CLASSES.len()), COURSE); 4]);
     for walks in [&contest.adapted, &contest.oracle, &contest.no_adaptation, &contest.unaware.unwrap()] {
         let damage: Vec<_> = walks.episodes.iter().map(|episode| (episode.class, episode.onset)).collect();
         assert_eq!(damage, [(0, 2), (0, 2), (3, 2), (3, 2)]);

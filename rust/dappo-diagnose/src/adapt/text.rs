@@ -168,14 +168,14 @@ impl ClassOutcome {
             format!(
                 "  forward velocity before step {}: {:.2} m/s; over the last 200 steps: {:.2} m/s, \
                  {} of that before{of_oracle}\n",
-                trial.onset.first,
+                trial.course.onset.first,
                 self.velocity_before,
                 self.velocity_kept,
                 percent(share(self.velocity_kept, Some(self.velocity_before)))
             ),
             recovered,
             format!("  stood still at the end: {}; fell: {}\n", of(self.stood_still), of(self.falls)),
-            format!("  forward reward and distance from step {} on:\n", trial.onset.first),
+            format!("  forward reward and distance from step {} on:\n", trial.course.onset.first),
             rewards.collect(),
         ]
         .concat()
@@ -223,7 +223,7 @@ impl DecisionTime {
 
 /// The events of the first episode; `names` are those of the controller's damage classes.
 fn events_text(events: &[Event], trial: &Trial, names: &[String]) -> String {
-    let header = format!("episode 1 of {}, damage at step {}\n", trial.episodes, trial.onset.first);
+    let header = format!("episode 1 of {}, damage at step {}\n", trial.episodes, trial.course.onset.first);
     if events.is_empty() {
         return header + "  no damage suspected\n";
     }

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `worlds` | `[N, row]` f64 | states of the backend |
 //! | `classes` | `[N]` u64 | damage classes |
-//! | `episodes` | `[N, 6]` u64 | state of the episodes, and their random streams |
+//! | `episodes` | `[N, 8]` u64 | state of the episodes, and their random streams |
 //! | `obs` | `[N · O]` f32 | last observations |
 //! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
 //!
@@ -26,6 +26,10 @@ const FILE: &str = "envs.safetensors";
 const EARLIER_FILE: &str = "envs.bin";
 /// Far above the state of any number of envs that a computer holds, bytes.
 const LONGEST: u64 = 1 << 34;
+/// Numbers of an episode.
+const EPISODE: usize = 8;
+/// Numbers of an episode in earlier versions, without duration and pause of the damage.
+const EARLIER_EPISODE: usize = 6;
 /// "DAPPOENV" in little-endian order.
 const MAGIC: u64 = u64::from_le_bytes(*b"DAPPOENV");
 
@@ -53,7 +57,7 @@ impl EnvState {
                 (Dtype::F64, vec![envs, backend.row], bytes(backend.rows.iter().copied(), f64::to_le_bytes)),
             ),
             ("classes", (Dtype::U64, vec![envs], bytes(classes, u64::to_le_bytes))),
-            ("episodes", (Dtype::U64, vec![envs, 6], bytes(episodes, u64::to_le_bytes))),
+            ("episodes", (Dtype::U64, vec![envs, EPISODE], bytes(episodes, u64::to_le_bytes))),
             (
                 "obs",
                 (
@@ -103,7 +107,7 @@ impl EnvState {
 
 /// What a file holds of the episodes.
 struct EpisodeArrays {
-    episodes: Vec<[u64; 6]>,
+    episodes: Vec<[u64; EPISODE]>,
     obs: Vec<f32>,
     sums: [Vec<f64>; 3],
 }
@@ -120,13 +124,32 @@ fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
     };
     let sums = |name| of_shape(&file, name, Dtype::F64, &[envs], f64::from_le_bytes);
     let classes = of_shape(&file, "classes", Dtype::U64, &[envs], u64::from_le_bytes)?;
-    let episodes = of_shape(&file, "episodes", Dtype::U64, &[envs, 6], u64::from_le_bytes)?;
+    let episodes = read_episodes(&file, envs)?;
     let arrays = EpisodeArrays {
-        episodes: episodes.as_chunks().0.to_vec(),
+        episodes,
         obs: array(&file, "obs", Dtype::F32, f32::from_le_bytes)?.0,
         sums: [sums("forward")?, sums("returns")?, sums("lengths")?],
     };
     Ok(EnvState::of(row, worlds, classes, arrays))
+}
+
+/// The episodes of a file, which may be that of an earlier version.
+fn read_episodes(file: &SafeTensors<'_>, envs: usize) -> std::result::Result<Vec<[u64; EPISODE]>, String> {
+    let (episodes, shape) = array(file, "episodes", Dtype::U64, u64::from_le_bytes)?;
+    match *shape.as_slice() {
+        [rows, EPISODE] if rows == envs => Ok(episodes.as_chunks().0.to_vec()),
+        [rows, EARLIER_EPISODE] if rows == envs => {
+            Ok(episodes.as_chunks().0.iter().copied().map(completed).collect())
+        }
+        _ => Err(format!("`episodes` has shape {shape:?}, expected [{envs}, {EPISODE}]")),
+    }
+}
+
+/// An episode of an earlier version, in which damage stays.
+fn completed(earlier: [u64; EARLIER_EPISODE]) -> [u64; EPISODE] {
+    let mut episode = [0; EPISODE];
+    episode[..EARLIER_EPISODE].copy_from_slice(&earlier);
+    episode
 }
 
 /// The numbers and the shape of an array.
@@ -174,8 +197,8 @@ fn read_earlier(reader: &mut Reader) -> Option<EnvState> {
     let rows = reader.many(envs.checked_mul(row)?, Reader::f64)?;
     let classes = reader.many(envs, Reader::u64)?;
     let episodes = reader.many(envs, |reader| {
-        let fields = reader.many(6, Reader::u64)?;
-        <[u64; 6]>::try_from(fields).ok()
+        let fields = reader.many(EARLIER_EPISODE, Reader::u64)?;
+        <[u64; EARLIER_EPISODE]>::try_from(fields).ok().map(completed)
     })?;
     let obs = reader.many(obs, |reader| reader.take().map(f32::from_le_bytes))?;
     let mut sums = || reader.many(envs, Reader::f64);
@@ -226,7 +249,7 @@ mod tests {
                     rows: vec![0.1, -0.0, f64::NAN, 1e300],
                     classes: vec![0, 32],
                 },
-                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1], [5, 6, 7, 8, 9, 0]],
+                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1, 10, 11], [5, 6, 7, 8, 9, 0, 0, 0]],
                 obs: vec![0.25, f32::INFINITY],
             },
             episodes,
@@ -261,11 +284,33 @@ mod tests {
             [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
         };
         refuse(&folder, FILE, &with("\"worlds\"", "\"wurlds\""), "`worlds`");
-        refuse(&folder, FILE, &with("[2,6]", "[6,2]"), "`episodes` has shape [6, 2], expected [2, 6]");
+        refuse(&folder, FILE, &with("[2,8]", "[8,2]"), "`episodes` has shape [8, 2], expected [2, 8]");
         let mut infinite = bytes.clone();
         let begin = bytes.windows(8).position(|part| part == 1.5_f64.to_le_bytes()).unwrap();
         infinite[begin..begin + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
         refuse(&folder, FILE, &infinite, "a sum over an episode is inf");
+    }
+
+    /// The episodes as earlier versions save them.
+    fn earlier_episodes(state: &EnvState) -> impl Iterator<Item = u64> {
+        state.envs.episodes.iter().flat_map(|episode| &episode[..EARLIER_EPISODE]).copied()
+    }
+
+    /// A state that earlier versions can hold: damage stays.
+    fn earlier_state() -> EnvState {
+        let mut state = state();
+        state.envs.episodes[0][EARLIER_EPISODE..].fill(0);
+        state
+    }
+
+    #[test]
+    fn episodes_of_an_earlier_version_have_damage_that_stays() {
+        let numbers = bytes(earlier_episodes(&state()), u64::to_le_bytes);
+        let view = TensorView::new(Dtype::U64, vec![2, EARLIER_EPISODE], &numbers).unwrap();
+        let file = safetensors::serialize([("episodes", view)], None).unwrap();
+        let file = SafeTensors::deserialize(&file).unwrap();
+        assert_eq!(read_episodes(&file, 2).unwrap(), earlier_state().envs.episodes);
+        assert!(read_episodes(&file, 3).unwrap_err().contains("expected [3, 8]"));
     }
 
     /// The file of earlier versions.
@@ -277,7 +322,7 @@ mod tests {
         [
             bytes(header.into_iter(), u64::to_le_bytes),
             bytes(backend.rows.iter().copied(), f64::to_le_bytes),
-            bytes(classes.chain(state.envs.episodes.iter().flatten().copied()), u64::to_le_bytes),
+            bytes(classes.chain(earlier_episodes(state)), u64::to_le_bytes),
             bytes(state.envs.obs.iter().copied(), f32::to_le_bytes),
             bytes(forward.iter().chain(returns).chain(lengths).copied(), f64::to_le_bytes),
         ]
@@ -289,7 +334,7 @@ mod tests {
         let folder = Scratch::new();
         let bytes = earlier(&state());
         fs::write(folder.0.join(EARLIER_FILE), &bytes).unwrap();
-        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &state());
+        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &earlier_state());
         refuse(&folder, EARLIER_FILE, b"DAPPOENV", "not an env state");
         refuse(&folder, EARLIER_FILE, &bytes[..bytes.len() - 1], "not an env state");
         refuse(&folder, EARLIER_FILE, &[&bytes[..], &[0]].concat(), "not an env state");

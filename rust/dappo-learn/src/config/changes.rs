@@ -75,7 +75,7 @@ fn built_in(key: &str) -> Option<&'static str> {
         }
         ("env", "reward") => Some("its value net and its metrics are of this reward"),
         ("env", "observe_damage") => Some("its networks have inputs for these observations"),
-        ("damage", name) if !name.starts_with("onset") => {
+        ("damage", name) if !["onset", "duration", "pause"].iter().any(|free| name.starts_with(free)) => {
             Some("its networks and episodes are those of robots with these damages")
         }
         ("ppo", "hidden") => Some("its networks have these layers"),

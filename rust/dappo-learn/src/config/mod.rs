@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
-use dappo_sim::vector_env::Onset;
+use dappo_sim::vector_env::{DamageCourse, StepRange};
 use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
@@ -130,10 +130,19 @@ pub struct DamageSection {
     /// Largest number of damaged limbs; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_damaged_limbs: Option<usize>,
+    /// Largest number of damages of a limb; the robot's when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_damages_per_limb: Option<usize>,
     /// 1 is the paper's damage, values towards 0 are milder.
     pub severity: f64,
     /// When the damage strikes; (0, 0) is from the start of the episode.
-    pub onset: Onset,
+    pub onset: StepRange,
+    /// Steps for which it lasts; for good when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duration: Option<StepRange>,
+    /// Steps from its end until it returns; it does not when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pause: Option<StepRange>,
     /// Parameters of the damage types, for example `options.jammed_joint.range_deg`.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub options: toml::Table,
@@ -145,9 +154,41 @@ impl Default for DamageSection {
             types: None,
             modules: Vec::new(),
             max_damaged_limbs: None,
+            max_damages_per_limb: None,
             severity: 1.0,
-            onset: Onset::default(),
+            onset: StepRange::default(),
+            duration: None,
+            pause: None,
             options: toml::Table::new(),
+        }
+    }
+}
+
+impl DamageSection {
+    /// When the damage of an episode is active.
+    #[must_use]
+    pub fn course(&self) -> DamageCourse {
+        DamageCourse { onset: self.onset, duration: self.duration, pause: self.pause }
+    }
+
+    fn review(&self, faults: &mut Faults) {
+        faults.positive("damage.severity", self.severity, 1.0);
+        let ranges = [
+            ("damage.onset", Some(self.onset), 0),
+            ("damage.duration", self.duration, 1),
+            ("damage.pause", self.pause, 1),
+        ];
+        for (key, range, least) in ranges {
+            let Some(StepRange { first, last }) = range else { continue };
+            let expected = format!("a range in ascending order, within {least} to {MOST_STEPS}");
+            let fits = least <= first && first <= last && last <= MOST_STEPS;
+            faults.rule(key, format!("{first} to {last}"), &expected, fits);
+        }
+        if self.pause.is_some() && self.duration.is_none() {
+            faults.add(
+                "damage.pause",
+                "is set, but `damage.duration` is not: damage that stays does not return",
+            );
         }
     }
 }
@@ -270,11 +311,7 @@ impl Config {
                 self.horizon, self.env.num_envs
             ));
         }
-        faults.positive("damage.severity", self.damage.severity, 1.0);
-        let Onset { first, last } = self.damage.onset;
-        let onset = format!("{first} to {last}");
-        let expected = format!("a range in ascending order, within 0 to {MOST_STEPS}");
-        faults.rule("damage.onset", onset, &expected, first <= last && last <= MOST_STEPS);
+        self.damage.review(&mut faults);
         self.review_curriculum(&mut faults);
         faults.section("ppo", |faults| self.ppo.review(faults));
         faults

@@ -1,5 +1,7 @@
 //! What decides what an episode of each damage class is; evaluations that are compared must agree in it.
 
+use dappo_sim::vector_env::StepRange;
+
 use crate::config::Config;
 use crate::envs::EnvFactory;
 use crate::error::{LearnError, Result};
@@ -12,12 +14,17 @@ impl Conditions {
     /// The conditions under which a run is evaluated.
     pub fn new(config: &Config, factory: &dyn EnvFactory) -> Result<Self> {
         let (space, damage) = (factory.space(), &config.damage);
+        let steps = |steps: StepRange| format!("{} to {}", steps.first, steps.last);
+        let optional = |range: Option<StepRange>| range.map_or_else(|| "none".to_owned(), steps);
         Ok(Self(vec![
             ("robot", factory.robot().name.clone()),
             ("damage.types", space.types().join(", ")),
             ("damage.max_damaged_limbs", space.max_damaged_limbs().to_string()),
+            ("damage.max_damages_per_limb", space.max_damages_per_limb().to_string()),
             ("damage.severity", damage.severity.to_string()),
-            ("damage.onset", format!("{} to {}", damage.onset.first, damage.onset.last)),
+            ("damage.onset", steps(damage.onset)),
+            ("damage.duration", optional(damage.duration)),
+            ("damage.pause", optional(damage.pause)),
             ("damage.options", damage.options.to_string().trim().to_owned()),
             ("env.physics", factory.integrator().to_owned()),
             ("env.max_episode_steps", factory.env_config(config)?.max_episode_steps.to_string()),

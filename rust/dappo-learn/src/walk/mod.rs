@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
-use dappo_sim::vector_env::{Autoreset, Onset, ResetOptions, VectorEnv, VectorEnvConfig};
+use dappo_sim::vector_env::{Autoreset, DamageCourse, ResetOptions, StepRange, VectorEnv, VectorEnvConfig};
 
 use crate::config::Config;
 use crate::envs::EnvFactory;
@@ -31,23 +31,23 @@ pub struct Trial {
     pub classes: Vec<usize>,
     /// Episodes of each row.
     pub episodes: usize,
-    /// When the damage strikes.
-    pub onset: Onset,
+    /// When the damage is active.
+    pub course: DamageCourse,
     /// Seed of the initial states.
     pub seed: u64,
     /// What is kept of every episode.
     pub kept: Kept,
 }
 
-/// The onset of damage that strikes every robot at one step; fails if the episodes end before.
-pub fn onset_at(step: usize, config: &Config, factory: &dyn EnvFactory) -> Result<Onset> {
+/// Damage that strikes every robot at one step and stays; fails if the episodes end before.
+pub fn onset_at(step: usize, config: &Config, factory: &dyn EnvFactory) -> Result<DamageCourse> {
     let steps = config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps);
     if step >= steps {
         return Err(LearnError::Invalid(format!(
             "the damage is to strike at step {step}, but an episode has {steps} steps"
         )));
     }
-    Ok(Onset { first: step, last: step })
+    Ok(DamageCourse { onset: StepRange { first: step, last: step }, ..DamageCourse::default() })
 }
 
 impl Trial {
@@ -58,7 +58,7 @@ impl Trial {
         Self {
             classes,
             episodes: config.evaluation.episodes,
-            onset: config.damage.onset,
+            course: config.damage.course(),
             seed: config.evaluation.seed,
             kept: Kept::Sums,
         }
@@ -123,7 +123,7 @@ impl Trial {
                 keys,
                 observe_damage: false,
                 autoreset: Autoreset::Disabled,
-                onset: self.onset,
+                course: self.course,
                 ..factory.env_config(config)?
             },
             config.env.reward.as_deref(),

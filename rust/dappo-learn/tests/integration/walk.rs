@@ -3,14 +3,15 @@
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::walk::{Agent, Encoding, Kept, KnownClasses, Trial, Walks, onset_at};
 use dappo_sim::DamageSpace;
-use dappo_sim::vector_env::Onset;
+use dappo_sim::vector_env::{DamageCourse, StepRange};
 
 use crate::counter::{CODE, ROW};
 use crate::evaluation::{Factory, Recorder, STEPS, code_of, config, read};
 
 /// Two episodes of each of these classes, with damage at step 1.
 fn trial(classes: &[usize], kept: Kept) -> Trial {
-    Trial { classes: classes.to_vec(), episodes: 2, onset: Onset { first: 1, last: 1 }, seed: 0, kept }
+    let course = DamageCourse { onset: StepRange { first: 1, last: 1 }, ..DamageCourse::default() };
+    Trial { classes: classes.to_vec(), episodes: 2, course, seed: 0, kept }
 }
 
 fn run(trial: &Trial, mut agent: Agent<'_>) -> Walks {
@@ -100,7 +101,7 @@ fn every_agent_walks_the_same_episodes_and_no_more_of_them_is_kept_than_asked_fo
 #[test]
 fn damage_after_the_end_of_the_episodes_is_rejected() {
     let at = |step| onset_at(step, &config(2, true), &Factory::new(2));
-    assert_eq!(at(2).unwrap(), Onset { first: 2, last: 2 });
+    assert_eq!(at(2).unwrap().onset, StepRange { first: 2, last: 2 });
     let message = at(STEPS).unwrap_err().to_string();
     assert_eq!(message, "the damage is to strike at step 3, but an episode has 3 steps");
 }

@@ -73,8 +73,8 @@ pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i
 }
 
 fn trial_json(trial: &Trial) -> serde_json::Value {
-    let Trial { classes, episodes, onset, seed, .. } = trial;
-    json!({ "classes": classes, "episodes": episodes, "onset": onset.first, "seed": seed })
+    let Trial { classes, episodes, course, seed, .. } = trial;
+    json!({ "classes": classes, "episodes": episodes, "onset": course.onset.first, "seed": seed })
 }
 
 impl Scene {
@@ -112,7 +112,7 @@ impl Scene {
         Ok(Trial {
             classes,
             episodes: arguments.episodes.count(),
-            onset: onset_at(arguments.at.count(), &self.config, &self.real)?,
+            course: onset_at(arguments.at.count(), &self.config, &self.real)?,
             seed: arguments.seed.wide(),
             kept: if arguments.video.is_some() { Kept::Positions } else { Kept::Velocities },
         })

@@ -20,7 +20,10 @@ pub fn run(py: Python<'_>, arguments: &ClassesArgs, caller: &Caller) -> PyResult
     let robot = dappo_sim::Robot::from_toml(&toml).or_raise()?;
     let types = arguments.types.clone().unwrap_or_else(|| robot.damage.types.clone());
     let max_damaged = arguments.max_damaged_limbs.unwrap_or(robot.damage.max_damaged_limbs);
-    let space = DamageSpace::new(robot.limbs.len(), types, max_damaged).or_raise()?;
+    let per_limb =
+        arguments.max_damages_per_limb.unwrap_or(robot.damage.max_damages_per_limb.min(types.len().max(1)));
+    let space =
+        DamageSpace::with_damages_per_limb(robot.limbs.len(), types, max_damaged, per_limb).or_raise()?;
     // Classes of a robot that does not exist, or whose limbs cannot break in this way, are none.
     let checked = if max_damaged > 0 { space.types() } else { &[] };
     py.import("dappo_batch.model")?.call_method1("check_damage_types", (object, checked.to_vec()))?;

@@ -56,7 +56,7 @@ fn film_walk(
     let trial = Trial {
         classes: vec![factory.space().parse(&arguments.damage).or_raise()?],
         episodes: 1,
-        onset: onset_at(arguments.at.count(), &config, &factory).or_raise()?,
+        course: onset_at(arguments.at.count(), &config, &factory).or_raise()?,
         seed: arguments.seed.wide(),
         kept: Kept::Positions,
     };

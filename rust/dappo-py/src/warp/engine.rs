@@ -41,6 +41,14 @@ impl WarpEngine {
         envs: &VectorEnvConfig,
         sizes: Sizes,
     ) -> std::result::Result<Self, SimError> {
+        let onset = envs.course.onset;
+        if envs.course.duration.is_some() {
+            return Err(SimError::Config(
+                "training on the backend `warp` does not support damage that ends (damage.duration); use --device cpu \
+                 (device=\"cpu\" in Python)"
+                    .into(),
+            ));
+        }
         let (engine, row) = undisturbed(|py| {
             let options = PyDict::new(py);
             options.set_item("device", device.name())?;
@@ -48,7 +56,7 @@ impl WarpEngine {
             options.set_item("horizon", config.horizon)?;
             options.set_item("hidden", &config.ppo.hidden)?;
             options.set_item("cumulative", numbers(py, envs.classes.cumulative()))?;
-            options.set_item("onset", (envs.onset.first, envs.onset.last))?;
+            options.set_item("onset", (onset.first, onset.last))?;
             options.set_item("observe_damage", envs.observe_damage)?;
             options.set_item("max_episode_steps", envs.max_episode_steps)?;
             options.set_item("njmax", room.njmax)?;
@@ -171,7 +179,10 @@ impl RolloutEngine for WarpEngine {
                 rows: rows.into_iter().map(f64::from).collect(),
                 classes: classes.into_iter().map(|class| class as usize).collect(),
             },
-            episodes: episodes.chunks_exact(EPISODE).map(|e| [e[0], e[1], e[2], e[3], e[4], 0]).collect(),
+            episodes: episodes
+                .chunks_exact(EPISODE)
+                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0])
+                .collect(),
             obs,
         })
     }

@@ -23,8 +23,11 @@ pub fn check(robot: &Robot) -> Result<(), SimError> {
     refuse(robot.terminations.tilt.is_some(), "[terminations.tilt]");
     refuse(robot.terminations.contact.is_some(), "[terminations.contact]");
     refuse(robot.terminations.python.is_some(), "[terminations.python]");
-    for (index, term) in robot.observation.policy.terms.iter().enumerate() {
-        refuse(!is_known(term), &format!("term {index} of the observation"));
+    for term in &robot.observation.policy.terms {
+        refuse(
+            !is_known(term),
+            &format!("the observation term `{}`{}", term.quantity.name(), modifiers(term)),
+        );
     }
     for function in robot.reward.functions.values() {
         for term in &function.terms {
@@ -39,6 +42,13 @@ pub fn check(robot: &Robot) -> Result<(), SimError> {
         robot.name,
         missing.join(", ")
     )))
+}
+
+/// What makes a term that the kernels know one that they do not.
+fn modifiers(term: &ObservationTerm) -> &'static str {
+    let is_known_plain =
+        matches!(term.quantity, Quantity::CfrcExt | Quantity::Qpos { .. } | Quantity::Qvel | Quantity::Touch);
+    if is_known_plain { " with noise, clip, scale, delay or history" } else { "" }
 }
 
 fn is_known(term: &ObservationTerm) -> bool {

@@ -9,12 +9,12 @@ pub struct Damage {
     pub kind: usize,
 }
 
-/// A set of damages, at most one a limb; class 0 is healthy.
+/// A set of damages; class 0 is healthy.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DamageClass {
     /// Position in the canonical order.
     pub id: usize,
-    /// Damages in ascending order of limb.
+    /// Damages in ascending order of limb, then type.
     pub damages: Vec<Damage>,
     /// `healthy` or `jammed_joint@0+missing_toe@2`.
     pub name: String,
@@ -34,8 +34,8 @@ impl DamageClass {
     }
 }
 
-/// `none`, `D1`, `D1_2 A` (adjacent), `S` (in between) or `O` (opposite); three and more damages are
-/// grouped by their types alone.
+/// `none`, `D1`, `D1_2 A` (adjacent limbs), `S` (in between), `O` (opposite) or `L` (the same limb); three and more damages
+/// are grouped by their types alone.
 pub(super) fn group(damages: &[Damage], limbs: usize) -> String {
     if damages.is_empty() {
         return "none".to_owned();
@@ -47,6 +47,7 @@ pub(super) fn group(damages: &[Damage], limbs: usize) -> String {
     let apart = second.limb - first.limb;
     let distance = apart.min(limbs - apart);
     let place = match distance {
+        0 => "L",
         1 => "A",
         d if 2 * d == limbs => "O",
         _ => "S",

@@ -3,7 +3,8 @@
 use super::class::{Damage, DamageClass, group};
 use crate::error::SimError;
 
-/// The classes of `limbs` limbs with at most `max_damaged_limbs` of them damaged, one type each.
+/// The classes of `limbs` limbs with at most `max_damaged_limbs` of them damaged, each by at most `max_damages_per_limb`
+/// different types.
 ///
 /// Canonical order: number of damages, then limbs (lexicographic), then types (lexicographic).
 #[derive(Debug, Clone)]
@@ -11,6 +12,7 @@ pub struct DamageSpace {
     limbs: usize,
     types: Vec<String>,
     max_damaged_limbs: usize,
+    max_damages_per_limb: usize,
     classes: Vec<DamageClass>,
 }
 
@@ -20,8 +22,18 @@ const MAX_CLASSES: u128 = 100_000;
 const MAX_CODE_LENGTH: usize = 4096;
 
 impl DamageSpace {
-    /// Enumerates the classes.
+    /// Enumerates the classes with at most one damage a limb.
     pub fn new(limbs: usize, types: Vec<String>, max_damaged_limbs: usize) -> Result<Self, SimError> {
+        Self::with_damages_per_limb(limbs, types, max_damaged_limbs, 1)
+    }
+
+    /// Enumerates the classes.
+    pub fn with_damages_per_limb(
+        limbs: usize,
+        types: Vec<String>,
+        max_damaged_limbs: usize,
+        max_damages_per_limb: usize,
+    ) -> Result<Self, SimError> {
         if limbs == 0 {
             return Err(SimError::Config("a robot needs at least one limb, got 0".into()));
         }
@@ -40,13 +52,22 @@ impl DamageSpace {
                 return Err(SimError::Config(format!("damage type `{name}` is listed twice")));
             }
         }
+        if max_damages_per_limb == 0 {
+            return Err(SimError::Config("max_damages_per_limb must be at least 1, got 0".into()));
+        }
+        if max_damages_per_limb > types.len().max(1) {
+            return Err(SimError::Config(format!(
+                "max_damages_per_limb is {max_damages_per_limb}, but there are {} damage types, and a limb has each once",
+                types.len()
+            )));
+        }
         if limbs.saturating_mul(types.len().max(1)) > MAX_CODE_LENGTH {
             return Err(SimError::Config(format!(
                 "{limbs} limbs and {} damage types make a damage code of more than {MAX_CODE_LENGTH} bits",
                 types.len()
             )));
         }
-        let count = count_classes(limbs, types.len(), max_damaged_limbs);
+        let count = count_classes(limbs, types.len(), max_damaged_limbs, max_damages_per_limb);
         if count > MAX_CLASSES {
             return Err(SimError::Config(format!(
                 "{limbs} limbs, {} damage types and up to {max_damaged_limbs} damaged limbs make {count} classes or more, \
@@ -54,10 +75,11 @@ impl DamageSpace {
                 types.len()
             )));
         }
-        let mut space = Self { limbs, types, max_damaged_limbs, classes: Vec::with_capacity(count as usize) };
-        for size in 0..=max_damaged_limbs {
-            for chosen in combinations(limbs, size) {
-                for kinds in products(space.types.len(), size) {
+        let classes = Vec::with_capacity(count as usize);
+        let mut space = Self { limbs, types, max_damaged_limbs, max_damages_per_limb, classes };
+        for size in 0..=max_damaged_limbs * max_damages_per_limb {
+            for chosen in limb_lists(limbs, size, max_damaged_limbs, max_damages_per_limb) {
+                for kinds in type_lists(&chosen, space.types.len()) {
                     let damages =
                         chosen.iter().zip(&kinds).map(|(&limb, &kind)| Damage { limb, kind }).collect();
                     space.push(damages);
@@ -93,6 +115,12 @@ impl DamageSpace {
     #[must_use]
     pub fn max_damaged_limbs(&self) -> usize {
         self.max_damaged_limbs
+    }
+
+    /// Largest number of damages of a limb.
+    #[must_use]
+    pub fn max_damages_per_limb(&self) -> usize {
+        self.max_damages_per_limb
     }
 
     /// All classes; the index is the class id.
@@ -137,16 +165,23 @@ impl DamageSpace {
             }
         }
         damages.sort_unstable();
-        if let Some(pair) = damages.windows(2).find(|pair| pair[0].limb == pair[1].limb) {
+        if let Some(pair) = damages.windows(2).find(|pair| pair[0] == pair[1]) {
+            let Damage { limb, kind } = pair[0];
+            return Err(SimError::Config(format!("`{spec}` lists `{}@{limb}` twice", self.types[kind])));
+        }
+        let of_limbs: Vec<_> = damages.chunk_by(|one, other| one.limb == other.limb).collect();
+        let most = self.max_damages_per_limb;
+        if let Some(many) = of_limbs.iter().find(|damages| damages.len() > most) {
             return Err(SimError::Config(format!(
-                "`{spec}` damages limb {} twice; a limb has one damage",
-                pair[0].limb
+                "`{spec}` has {} damages of limb {}; a limb has at most {most}, see max_damages_per_limb",
+                many.len(),
+                many[0].limb
             )));
         }
         self.classes.iter().find(|class| class.damages == damages).map(|class| class.id).ok_or_else(|| {
             SimError::Config(format!(
                 "`{spec}` damages {} limbs, the class table holds at most {}",
-                damages.len(),
+                of_limbs.len(),
                 self.max_damaged_limbs
             ))
         })
@@ -174,13 +209,19 @@ impl DamageSpace {
     }
 }
 
-/// Σ_{j=0..m} kʲ·C(n, j), the number of classes in Verma et al. (2019).
-fn count_classes(limbs: usize, types: usize, max_damaged: usize) -> u128 {
+/// Σ_{j=0..m} (Σ_{s=1..p} C(k, s))ʲ·C(n, j); for p = 1, one damage a limb, the number of classes in Verma et al. (2019).
+fn count_classes(limbs: usize, types: usize, max_damaged: usize, per_limb: usize) -> u128 {
+    let mut sets: u128 = 0;
+    let mut sets_of_size: u128 = 1;
+    for size in 0..per_limb.min(types) {
+        sets_of_size = sets_of_size.saturating_mul((types - size) as u128) / (size as u128 + 1);
+        sets = sets.saturating_add(sets_of_size);
+    }
     let mut term: u128 = 1;
     let mut total: u128 = 1;
     for j in 0..max_damaged {
         term = term.saturating_mul((limbs - j) as u128) / (j as u128 + 1);
-        total = total.saturating_add(term.saturating_mul((types as u128).saturating_pow(j as u32 + 1)));
+        total = total.saturating_add(term.saturating_mul(sets.saturating_pow(j as u32 + 1)));
         if total > MAX_CLASSES {
             break;
         }
@@ -188,28 +229,38 @@ fn count_classes(limbs: usize, types: usize, max_damaged: usize) -> u128 {
     total
 }
 
-/// All `size`-subsets of 0..n in lexicographic order.
-fn combinations(n: usize, size: usize) -> Vec<Vec<usize>> {
+/// All ascending lists of `size` limbs in lexicographic order, with at most `most` different ones, each at most
+/// `per_limb` times.
+fn limb_lists(limbs: usize, size: usize, most: usize, per_limb: usize) -> Vec<Vec<usize>> {
+    let fits = |list: &[usize]| {
+        let mut runs = list.chunk_by(|one, other| one == other);
+        runs.clone().count() <= most && runs.all(|run| run.len() <= per_limb)
+    };
     let mut all = vec![vec![]];
     for _ in 0..size {
         all = all
             .into_iter()
             .flat_map(|prefix: Vec<usize>| {
-                let first = prefix.last().map_or(0, |last| last + 1);
-                (first..n).map(move |next| [&prefix[..], &[next]].concat())
+                let first = prefix.last().copied().unwrap_or(0);
+                (first..limbs).map(move |next| [&prefix[..], &[next]].concat())
             })
+            .filter(|list| fits(list))
             .collect();
     }
     all
 }
 
-/// All sequences of length `size` over 0..n in lexicographic order.
-fn products(n: usize, size: usize) -> Vec<Vec<usize>> {
+/// All types of the damages of these limbs in lexicographic order; those of one limb ascend.
+fn type_lists(limbs: &[usize], types: usize) -> Vec<Vec<usize>> {
     let mut all = vec![vec![]];
-    for _ in 0..size {
+    for (index, limb) in limbs.iter().enumerate() {
+        let is_repeated = index > 0 && limbs[index - 1] == *limb;
         all = all
             .into_iter()
-            .flat_map(|prefix: Vec<usize>| (0..n).map(move |next| [&prefix[..], &[next]].concat()))
+            .flat_map(|prefix: Vec<usize>| {
+                let first = prefix.last().filter(|_| is_repeated).map_or(0, |last| last + 1);
+                (first..types).map(move |next| [&prefix[..], &[next]].concat())
+            })
             .collect();
     }
     all
@@ -231,7 +282,7 @@ mod tests {
         assert_eq!(count(6, 2, 2), 73);
         assert_eq!(count(6, 2, 3), 233);
         assert_eq!(count(6, 3, 6), 4096);
-        assert_eq!(count_classes(6, 3, 6), 4096);
+        assert_eq!(count_classes(6, 3, 6, 1), 4096);
     }
 
     #[test]
@@ -255,12 +306,42 @@ mod tests {
             ("jammed_joint@4", "limbs are 0 to 3"),
             ("jammed_joint", "no `@limb`"),
             ("33", "the classes are 0 to 32"),
-            ("jammed_joint@0+missing_toe@0", "damages limb 0 twice"),
+            ("jammed_joint@0+missing_toe@0", "2 damages of limb 0; a limb has at most 1"),
+            ("jammed_joint@0+jammed_joint@0", "lists `jammed_joint@0` twice"),
             ("jammed_joint@0+jammed_joint@1+jammed_joint@2", "at most 2"),
             ("", "no `@limb`"),
         ] {
             let message = space.parse(spec).unwrap_err().to_string();
             assert!(message.contains(part), "`{spec}` gave: {message}");
+        }
+    }
+
+    #[test]
+    fn a_limb_with_several_damages_has_each_set_of_types_once() {
+        let types = || ["a", "b", "c"].map(str::to_owned).to_vec();
+        let space = DamageSpace::with_damages_per_limb(2, types(), 1, 2).unwrap();
+        let names: Vec<&str> = space.classes().iter().map(|class| class.name.as_str()).collect();
+        let expected = [
+            "healthy", "a@0", "b@0", "c@0", "a@1", "b@1", "c@1", "a@0+b@0", "a@0+c@0", "b@0+c@0", "a@1+b@1",
+            "a@1+c@1", "b@1+c@1",
+        ];
+        assert_eq!(names, expected);
+        assert_eq!(space.classes()[7].group, "D1_2 L");
+        assert_eq!(space.classes()[8].code(2, 3), [1.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        // (C(3, 1) + C(3, 2) + C(3, 3))ʲ·C(n, j) summed over j: 1 + 7·4 + 7²·6.
+        let large = DamageSpace::with_damages_per_limb(4, types(), 2, 3).unwrap();
+        assert_eq!(large.classes().len(), 323);
+        let mut seen = std::collections::BTreeSet::new();
+        for class in large.classes() {
+            assert_eq!(large.parse(&class.name).unwrap(), class.id);
+            assert!(seen.insert(format!("{:?}", class.code(4, 3))));
+        }
+        let sizes: Vec<usize> = large.classes().iter().map(|class| class.damages.len()).collect();
+        assert!(sizes.is_sorted() && sizes.last() == Some(&6));
+        for (limbs, per_limb, part) in [(4, 0, "at least 1"), (4, 4, "there are 3 damage types")] {
+            let refused =
+                DamageSpace::with_damages_per_limb(limbs, types(), 1, per_limb).unwrap_err().to_string();
+            assert!(refused.contains(part), "{refused}");
         }
     }
 

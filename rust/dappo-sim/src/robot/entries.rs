@@ -145,6 +145,15 @@ impl<'a, 'f> Entries<'a, 'f> {
         });
     }
 
+    /// An optional `[low, high]` with low ≤ high, both within a range.
+    pub fn optional_span(&mut self, key: &'static str, range: RangeInclusive<f64>) {
+        if self.table.contains_key(key) {
+            self.span(key, range);
+        } else {
+            self.known.push(key);
+        }
+    }
+
     /// A required `[low, high]` of whole numbers with low ≤ high, both within a range.
     pub fn whole_span(&mut self, key: &'static str, range: RangeInclusive<i64>) {
         let (least, most) = (range.start(), range.end());

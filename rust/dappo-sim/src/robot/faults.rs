@@ -183,15 +183,18 @@ fn check_damage(damage: &Table, limbs: usize, found: &mut Vec<String>) {
         entries.fault(&format!("`types` lists {twice:?} twice, the second time as entry {index}"));
     }
     let most = entries.whole("max_damaged_limbs", 0..=limbs as i64);
+    entries.optional_whole("max_damages_per_limb", 1..=types.len().max(1) as i64);
     entries.optional_texts("modules", 1);
     if most.is_some_and(|most| most > 0) && damage.contains_key("types") && types.is_empty() {
         entries.fault("`max_damaged_limbs` is above 0, but `types` is empty");
     }
     // Any other entry is the table of a damage type, whose parameters belong to Python.
     for (key, value) in damage {
-        if !matches!(key.as_str(), "types" | "max_damaged_limbs" | "modules") && !value.is_table() {
+        if !matches!(key.as_str(), "types" | "max_damaged_limbs" | "max_damages_per_limb" | "modules")
+            && !value.is_table()
+        {
             entries.fault(&format!(
-                "`{key}` is {}; expected `types`, `max_damaged_limbs`, `modules` or a table [damage.TYPE] with the parameters of a \
+                "`{key}` is {}; expected `types`, `max_damaged_limbs`, `max_damages_per_limb`, `modules` or a table [damage.TYPE] with the parameters of a \
                  damage type",
                 shown(value)
             ));

@@ -3,10 +3,11 @@
 use toml::{Table, Value};
 
 use super::entries::{Entries, shown};
+use super::event_faults;
 use super::faults::LARGEST;
 
 /// Longest time between two commands or pushes, s.
-const LONGEST: f64 = 1e6;
+pub(super) const LONGEST: f64 = 1e6;
 /// Most steps of a delay or a history.
 const MOST_STEPS: i64 = 1000;
 
@@ -289,6 +290,9 @@ pub(super) fn check_events(events: &Table, found: &mut Vec<String>) {
     let delay = entries.optional_table("action_delay");
     let gravity = entries.optional_table("gravity");
     let push = entries.optional_table("push");
+    let encoder_fault = entries.optional_table("encoder_fault");
+    let imu_fault = entries.optional_table("imu_fault");
+    let dropout = entries.optional_table("action_dropout");
     entries.finish();
     let mut each = |key: &str, table: Option<&Table>, check: &dyn Fn(&mut Entries)| {
         if let Some(table) = table {
@@ -308,4 +312,7 @@ pub(super) fn check_events(events: &Table, found: &mut Vec<String>) {
         entries.number("lin_vel", 0.0..=1e3);
         entries.optional_number("ang_vel", 0.0..=1e3);
     });
+    event_faults::check_dropout(dropout, found);
+    event_faults::check_encoder(encoder_fault, found);
+    event_faults::check_imu(imu_fault, found);
 }

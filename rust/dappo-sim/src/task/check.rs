@@ -29,7 +29,7 @@ pub(super) fn check(robot: &Robot, layout: &Layout, rewards: &[RewardTerm]) -> R
         Ok(())
     };
     let critic = robot.observation.critic.iter().flat_map(|critic| &critic.terms);
-    for (index, term) in robot.observation.policy.terms.iter().chain(critic).enumerate() {
+    for term in robot.observation.policy.terms.iter().chain(critic) {
         let quantity = &term.quantity;
         if let Quantity::Qpos { skip } = quantity
             && *skip >= layout.nq
@@ -40,12 +40,13 @@ pub(super) fn check(robot: &Robot, layout: &Layout, rewards: &[RewardTerm]) -> R
             ));
         }
         let joints = matches!(quantity, Quantity::JointPos | Quantity::JointVel);
-        let what = format!("term {index} of the observation");
+        let what = format!("the observation term `{}`", quantity.name());
         needs(what, joints, quantity.needs_feet(), *quantity == Quantity::Command)?;
     }
     for RewardTerm { name, measure, .. } in rewards {
         let what = format!("the reward term `{name}`");
         needs(what, measure.needs_joints(), measure.needs_feet(), measure.needs_command())?;
     }
-    needs("[events.encoder_bias]".into(), robot.events.encoder_bias.is_some(), false, false)
+    needs("[events.encoder_bias]".into(), robot.events.encoder_bias.is_some(), false, false)?;
+    needs("[events.encoder_fault]".into(), robot.events.encoder_fault.is_some(), false, false)
 }

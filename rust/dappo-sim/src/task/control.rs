@@ -37,6 +37,9 @@ impl Task {
         if !self.slots.waiting.is_empty() {
             self.delay(row, ctrl);
         }
+        if let Some(dropouts) = &self.dropouts {
+            dropouts.hold(row, ctrl);
+        }
         for (ctrl, action) in ctrl.iter_mut().zip(&self.actions) {
             *ctrl = action.offset + action.scale * *ctrl;
         }

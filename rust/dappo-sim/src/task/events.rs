@@ -5,6 +5,8 @@
 
 use serde::Deserialize;
 
+use super::dropout::ActionDropout;
+use super::faults::{EncoderFault, ImuFault};
 use super::memory::Slots;
 use crate::rng::Stream;
 
@@ -41,6 +43,15 @@ pub struct Events {
     /// Sudden changes of the root's velocity.
     #[serde(default)]
     pub push: Option<Push>,
+    /// Faults of joint encoders.
+    #[serde(default)]
+    pub encoder_fault: Option<EncoderFault>,
+    /// Faults of the IMU.
+    #[serde(default)]
+    pub imu_fault: Option<ImuFault>,
+    /// Times in which actions do not arrive.
+    #[serde(default)]
+    pub action_dropout: Option<ActionDropout>,
 }
 
 /// A factor.

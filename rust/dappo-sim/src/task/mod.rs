@@ -14,9 +14,12 @@ mod anatomy;
 mod check;
 mod command;
 mod control;
+mod dropout;
 mod events;
+mod faults;
 mod memory;
 mod observation;
+mod python;
 mod reward;
 mod scene;
 mod signals;
@@ -31,7 +34,9 @@ use crate::robot::{ObservationTerms, ResetNoise, Robot};
 pub use action::{ActionKind, Actions, Scale};
 pub use anatomy::{ActuatorParts, Anatomy, Foot, FootHinge, FootLink, JointParts};
 pub use command::{Commands, Curriculum, Ramp, VelocityCommand};
+pub use dropout::ActionDropout;
 pub use events::{Delay, Events, Offset, Push, Scaling, Tilt, Variation};
+pub use faults::{EncoderFault, FaultCourse, ImuFault, ImuOffset, SensorFaultKind};
 pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
 pub use signals::Signals;
@@ -40,7 +45,9 @@ pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 use action::ActuatorAction;
 use check::check;
 use command::COMMAND;
+use dropout::Dropouts;
 use events::{Drawn, steps};
+use faults::SensorFaults;
 use memory::{Clock, FootRow, Slots};
 use observation::ObservationGroup;
 use scene::Scene;
@@ -60,6 +67,8 @@ pub struct Task {
     ramp: Option<Ramp>,
     events: Events,
     drawn: Drawn,
+    sensor_faults: SensorFaults,
+    dropouts: Option<Dropouts>,
     policy: ObservationGroup,
     /// What the value net is given besides.
     critic: Option<ObservationGroup>,
@@ -97,7 +106,14 @@ impl Task {
         let limits = Limits::new(&robot.terminations, layout).map_err(bad)?;
         let (mut slots, events) = (Slots::default(), robot.events.clone());
         let drawn = events.layout(layout.nu, &mut slots);
-        let group = |terms: &ObservationTerms| ObservationGroup::new(&terms.terms, layout, drawn.shown_len());
+        let sensor_faults =
+            SensorFaults::new(&events, &layout.anatomy, &robot.observation.policy.terms, &mut slots)
+                .map_err(bad)?;
+        let dropouts = events.action_dropout.map(|dropout| Dropouts::new(dropout, layout.nu, &mut slots));
+        let shown = drawn.shown_len()
+            + sensor_faults.names().count()
+            + dropouts.iter().count() * Dropouts::names().len();
+        let group = |terms: &ObservationTerms| ObservationGroup::new(&terms.terms, layout, shown);
         let policy = group(&robot.observation.policy);
         let critic = robot.observation.critic.as_ref().filter(|_| training).map(group);
         let groups = || [&policy].into_iter().chain(&critic);
@@ -113,6 +129,8 @@ impl Task {
         let needs_clock = command.is_some()
             || groups().any(ObservationGroup::is_noisy)
             || events.push.is_some()
+            || !sensor_faults.is_empty()
+            || dropouts.is_some()
             || observes(|quantity| matches!(quantity, Quantity::Clock { .. }));
         let room = |wanted: bool, length: usize| if wanted { length } else { 0 };
         slots.episode = slots.take(room(needs_clock, Clock::LENGTH));
@@ -131,6 +149,8 @@ impl Task {
             ramp,
             events,
             drawn,
+            sensor_faults,
+            dropouts,
             policy,
             critic,
             rewards,
@@ -196,31 +216,6 @@ impl Task {
         tracking(&self.rewards).map(|(index, term)| (index, term.weight))
     }
 
-    /// Terms of the observation that Python functions compute: the function, and which entries it writes.
-    pub fn python_observations(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
-        let critic = self.critic.iter().flat_map(ObservationGroup::blocks);
-        let critic = critic
-            .map(|(term, block)| (term, block.start + self.policy.len()..block.end + self.policy.len()));
-        self.policy.blocks().chain(critic).filter_map(|(term, block)| match &term.quantity {
-            Quantity::Python { function, .. } => Some((function.as_str(), block)),
-            _ => None,
-        })
-    }
-
-    /// Terms of the reward that Python functions compute: the function, the index of the term, and its weight.
-    pub fn python_rewards(&self) -> impl Iterator<Item = (&str, usize, f64)> {
-        self.rewards.iter().enumerate().filter_map(|(index, term)| match &term.measure {
-            Measure::Python { function } => Some((function.as_str(), index, term.weight)),
-            _ => None,
-        })
-    }
-
-    /// Python functions that return failures.
-    #[must_use]
-    pub fn python_failures(&self) -> &[String] {
-        &self.python_failures
-    }
-
     /// Numbers in the command of an env; 0 for a task without commands.
     #[must_use]
     pub fn command_len(&self) -> usize {
@@ -237,13 +232,17 @@ impl Task {
     #[must_use]
     pub fn event_names(&self) -> Vec<String> {
         let joints = self.layout.anatomy.actuators.iter().filter_map(|actuator| actuator.joint.as_ref());
-        self.drawn.names(joints.map(|joint| joint.name.as_str()))
+        let mut names = self.drawn.names(joints.map(|joint| joint.name.as_str()));
+        names.extend(self.sensor_faults.names().cloned());
+        names.extend(self.dropouts.iter().flat_map(|_| Dropouts::names()));
+        names
     }
 
     /// What the events have drawn for the episode of an env, in the order of their names.
-    #[must_use]
-    pub fn events<'a>(&self, row: &'a [f64]) -> &'a [f64] {
-        self.drawn.shown(&row[self.slots.events.clone()])
+    pub fn events<'a>(&'a self, row: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
+        let drawn = self.drawn.shown(&row[self.slots.events.clone()]).iter().copied();
+        let dropouts = self.dropouts.iter().flat_map(|dropouts| dropouts.shown(row)).copied();
+        drawn.chain(self.sensor_faults.shown(row)).chain(dropouts)
     }
 
     /// Numbers that the task remembers of an env.
@@ -284,6 +283,11 @@ impl Task {
         }
         let mut stream = Stream::new(reset.key, reset.episode, Purpose::Events);
         self.events.draw(&self.drawn, &mut stream, self.dt(), &mut row[self.slots.events.clone()]);
+        let mut stream = Stream::new(reset.key, reset.episode, Purpose::SensorFaults);
+        self.sensor_faults.draw(&mut stream, self.dt(), row);
+        if let Some(dropouts) = &self.dropouts {
+            dropouts.begin(Clock::read(&row[self.slots.episode.clone()]), self.dt(), row);
+        }
         self.draw_command(row);
     }
 
@@ -358,13 +362,29 @@ impl Task {
         self.write(row, signals, true, out);
     }
 
+    /// Advances what is faulty to the present step.
+    fn follow_faults(&self, row: &mut [f64], signals: &Signals<'_>) {
+        if let Some(dropouts) = &self.dropouts {
+            dropouts.advance(Clock::read(&row[self.slots.episode.clone()]), self.dt(), row);
+        }
+        if !self.sensor_faults.is_empty() {
+            let scene = self.scene(row, signals);
+            let (step, encoder) =
+                (scene.clock().step, scene.encoder(self.sensor_faults.faulty_actuator(row)));
+            let imu = scene.imu();
+            self.sensor_faults.sense(step, encoder, imu, row);
+        }
+    }
+
     fn write(&self, row: &mut [f64], signals: &Signals<'_>, is_first: bool, out: &mut [f32]) {
+        self.follow_faults(row, signals);
         let (row, frames) = row.split_at_mut(self.slots.len);
         let (own, other) = frames.split_at_mut(self.policy.frames_len());
         let scene = self.scene(row, signals);
         let (seen, privileged) = out.split_at_mut(self.policy.len());
         self.policy.write(&scene, Purpose::ObservationNoise, is_first, own, seen);
         if let Some(critic) = &self.critic {
+            let scene = Scene { has_faults: false, ..scene };
             critic.write(&scene, Purpose::PrivilegedNoise, is_first, other, privileged);
         }
     }

@@ -1,8 +1,10 @@
 //! Terms of the observation vector.
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use super::command::COMMAND;
+use super::faults::Reading;
 use super::memory::FootRow;
 use super::{Scene, Signals};
 use crate::backend::Layout;
@@ -33,8 +35,9 @@ pub struct ObservationTerm {
 }
 
 /// Something that can be observed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, IntoStaticStr)]
 #[serde(tag = "term", rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Quantity {
     /// Positions but for the first `skip` entries (2 leaves out the root's x and y).
     Qpos {
@@ -185,6 +188,12 @@ impl ObservationTerm {
 }
 
 impl Quantity {
+    /// Name of the term.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.into()
+    }
+
     /// Number of entries.
     #[must_use]
     pub fn len(&self, layout: &Layout, events: usize) -> usize {
@@ -227,22 +236,21 @@ impl Quantity {
                 }
             }
             Self::BaseHeight => put(out, &qpos[2..3]),
-            Self::BaseLinVel => put(out, &scene.lin_vel),
-            Self::BaseAngVel => put(out, &qvel[3..6]),
-            Self::ProjectedGravity => put(out, &scene.gravity),
+            Self::BaseLinVel => imu(scene, out, &scene.lin_vel, Reading::LinVel),
+            Self::BaseAngVel => imu(scene, out, &qvel[3..6], Reading::AngVel),
+            Self::ProjectedGravity => imu(scene, out, &scene.gravity, Reading::Gravity),
             Self::Command => put(out, scene.command()),
             Self::JointPos => {
-                for (entry, joint) in out.iter_mut().zip(actuated()) {
-                    *entry = (qpos[joint.qpos] - layout.anatomy.start[joint.qpos]) as f32;
+                for (index, (entry, joint)) in out.iter_mut().zip(actuated()).enumerate() {
+                    *entry = scene.joint_pos(index, joint);
                 }
-                for (entry, bias) in out.iter_mut().zip(scene.encoder_bias()) {
-                    *entry += *bias as f32;
-                }
+                distort_encoder(scene, out, Reading::JointPos);
             }
             Self::JointVel => {
                 for (entry, joint) in out.iter_mut().zip(actuated()) {
                     *entry = qvel[joint.dof] as f32;
                 }
+                distort_encoder(scene, out, Reading::JointVel);
             }
             Self::LastAction => put(out, scene.action()),
             Self::Clock { period } => {
@@ -261,7 +269,9 @@ impl Quantity {
             }
             Self::FootHeight => each_foot(scene, out, FootRow::height),
             Self::FootAirTime => each_foot(scene, out, FootRow::air_time),
-            Self::Events => put(out, scene.events()),
+            Self::Events => {
+                out.iter_mut().zip(scene.events()).for_each(|(entry, value)| *entry = value as f32);
+            }
             Self::Python { .. } => out.fill(0.0),
         }
     }
@@ -270,6 +280,21 @@ impl Quantity {
 fn put(out: &mut [f32], values: &[f64]) {
     for (entry, value) in out.iter_mut().zip(values) {
         *entry = *value as f32;
+    }
+}
+
+/// Writes readings of the IMU.
+fn imu(scene: &Scene<'_>, out: &mut [f32], truth: &[f64], reading: Reading) {
+    put(out, truth);
+    if let Some(fault) = scene.imu_fault() {
+        fault.distort(reading, out);
+    }
+}
+
+/// Replaces the reading of an encoder that is faulty.
+fn distort_encoder(scene: &Scene<'_>, out: &mut [f32], reading: Reading) {
+    if let Some(fault) = scene.encoder_fault() {
+        fault.distort(reading, &mut out[fault.part..=fault.part]);
     }
 }
 

@@ -1,8 +1,9 @@
 //! One env as the terms see it.
 
-use super::anatomy::{apply_inverse, root_rotation};
+use super::anatomy::{JointParts, apply_inverse, root_rotation};
 use super::command::COMMAND;
 use super::events::Drawn;
+use super::faults::{ActiveFault, ENCODER, IMU};
 use super::memory::{Clock, FootRow, Slots};
 use super::{Signals, Task};
 use crate::backend::Layout;
@@ -15,6 +16,9 @@ pub(crate) struct Scene<'a> {
     pub(super) row: &'a [f64],
     pub(super) slots: &'a Slots,
     pub(super) drawn: &'a Drawn,
+    pub(super) task: &'a Task,
+    /// Whether sensors read what they do with their faults.
+    pub(super) has_faults: bool,
     /// Duration of an env step, s.
     pub(super) dt: f64,
     /// Unit vector of gravity in the root's frame.
@@ -32,6 +36,8 @@ impl Task {
             row,
             slots: &self.slots,
             drawn: &self.drawn,
+            task: self,
+            has_faults: true,
             dt: self.dt(),
             gravity: apply_inverse(&rotation, [0.0, 0.0, -1.0]),
             lin_vel: apply_inverse(&rotation, [signals.qvel[0], signals.qvel[1], signals.qvel[2]]),
@@ -64,8 +70,40 @@ impl<'a> Scene<'a> {
     }
 
     /// What the events have drawn.
-    pub(super) fn events(&self) -> &'a [f64] {
-        self.drawn.shown(self.slot(&self.slots.events))
+    pub(super) fn events(&self) -> impl Iterator<Item = f64> + use<'a> {
+        self.task.events(self.row)
+    }
+
+    /// Position of the joint of an actuator as its encoder reads it without a fault, relative to the default pose, rad.
+    pub(super) fn joint_pos(&self, actuator: usize, joint: &JointParts) -> f32 {
+        let position = (self.signals.qpos[joint.qpos] - self.layout.anatomy.start[joint.qpos]) as f32;
+        self.encoder_bias().get(actuator).map_or(position, |bias| position + *bias as f32)
+    }
+
+    /// What the encoder of an actuator's joint reads without a fault.
+    pub(super) fn encoder(&self, actuator: usize) -> [f32; ENCODER] {
+        let joint = self.layout.anatomy.actuators.get(actuator).and_then(|actuator| actuator.joint.as_ref());
+        let reading =
+            |joint: &JointParts| [self.joint_pos(actuator, joint), self.signals.qvel[joint.dof] as f32];
+        joint.map_or([0.0; ENCODER], reading)
+    }
+
+    /// What the IMU reads without a fault.
+    pub(super) fn imu(&self) -> [f32; IMU] {
+        let [gx, gy, gz] = self.gravity;
+        let [vx, vy, vz] = self.lin_vel;
+        let spin = &self.signals.qvel[3..6];
+        [spin[0], spin[1], spin[2], gx, gy, gz, vx, vy, vz].map(|reading| reading as f32)
+    }
+
+    /// The fault of an encoder, if there is one now.
+    pub(super) fn encoder_fault(&self) -> Option<ActiveFault<'a>> {
+        self.task.sensor_faults.of_encoder(self.row).filter(|_| self.has_faults)
+    }
+
+    /// The fault of the IMU, if there is one now.
+    pub(super) fn imu_fault(&self) -> Option<ActiveFault<'a>> {
+        self.task.sensor_faults.of_imu(self.row).filter(|_| self.has_faults)
     }
 
     pub(super) fn encoder_bias(&self) -> &'a [f64] {

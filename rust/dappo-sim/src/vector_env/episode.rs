@@ -6,30 +6,54 @@ use crate::curriculum::ClassDistribution;
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};
 
-/// The steps of an episode among which the damage strikes, both ends included; (0, 0) = from the start.
+/// Numbers of steps, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Onset {
-    /// First possible step.
+pub struct StepRange {
+    /// Fewest.
     pub first: usize,
-    /// Last possible step.
+    /// Most.
     pub last: usize,
 }
 
-impl Onset {
-    pub(super) fn check(self) -> Result<(), SimError> {
+impl StepRange {
+    fn check(self, name: &str, least: usize) -> Result<(), SimError> {
         // Steps are counted in signed numbers where others see them.
-        if self.first <= self.last && i64::try_from(self.last).is_ok() {
+        if least <= self.first && self.first <= self.last && i64::try_from(self.last).is_ok() {
             return Ok(());
         }
         Err(SimError::Config(format!(
-            "onset is ({}, {}), expected (first, last) in order and below 2^63",
+            "{name} is ({}, {}), expected (first, last) in order, at least {least} and below 2^63",
             self.first, self.last
         )))
     }
 
-    fn draw(self, key: u64, episode: u64) -> usize {
-        let span = (self.last - self.first) as u64 + 1;
-        self.first + Stream::new(key, episode, Purpose::Onset).below(span) as usize
+    fn draw(self, stream: &mut Stream) -> usize {
+        self.first + stream.below((self.last - self.first) as u64 + 1) as usize
+    }
+}
+
+/// When the damage of an episode is active, in env steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct DamageCourse {
+    /// Step at which it strikes; (0, 0) = from the start.
+    pub onset: StepRange,
+    /// How long it lasts, at least 1; `None`: for good.
+    pub duration: Option<StepRange>,
+    /// How long the robot has recovered until the damage returns, at least 1; `None`: it does not return.
+    pub pause: Option<StepRange>,
+}
+
+impl DamageCourse {
+    pub(super) fn check(self) -> Result<(), SimError> {
+        self.onset.check("onset", 0)?;
+        self.duration.map_or(Ok(()), |duration| duration.check("damage_duration", 1))?;
+        self.pause.map_or(Ok(()), |pause| pause.check("damage_pause", 1))?;
+        if self.pause.is_some() && self.duration.is_none() {
+            let message =
+                "damage_pause is set, but damage_duration is not: damage that stays does not return";
+            return Err(SimError::Config(message.into()));
+        }
+        Ok(())
     }
 }
 
@@ -38,6 +62,8 @@ impl Onset {
 pub(super) struct EpisodeStart {
     pub class: Option<usize>,
     pub onset: Option<usize>,
+    pub duration: Option<usize>,
+    pub pause: Option<usize>,
 }
 
 /// Progress of an env.
@@ -53,36 +79,57 @@ pub(super) struct Episode {
     pub class: usize,
     /// Step at which the damage strikes.
     pub onset: usize,
+    /// Steps for which it lasts; 0: for good.
+    pub duration: usize,
+    /// Steps from its end until it returns; 0: it does not.
+    pub pause: usize,
     /// The episode has ended and the env waits for its reset.
     pub ended: bool,
 }
 
 impl Episode {
     pub fn before_the_first(key: u64) -> Self {
-        Self { key, number: u64::MAX, step: 0, class: 0, onset: 0, ended: false }
+        Self { key, number: u64::MAX, step: 0, class: 0, onset: 0, duration: 0, pause: 0, ended: false }
     }
 
     /// Starts the next episode.
-    pub fn next(&mut self, classes: &ClassDistribution, onset: Onset, fixed: EpisodeStart) {
+    pub fn next(&mut self, classes: &ClassDistribution, course: DamageCourse, fixed: EpisodeStart) {
         let number = self.number.wrapping_add(1);
         let draw = || classes.at(Stream::new(self.key, number, Purpose::DamageClass).uniform());
+        let onset = || course.onset.draw(&mut Stream::new(self.key, number, Purpose::Onset));
+        let mut stream = Stream::new(self.key, number, Purpose::DamageDuration);
+        let mut draw_steps = |steps: Option<StepRange>| steps.map_or(0, |steps| steps.draw(&mut stream));
+        let [duration, pause] = [draw_steps(course.duration), draw_steps(course.pause)];
         *self = Self {
             key: self.key,
             number,
             step: 0,
             class: fixed.class.unwrap_or_else(draw),
-            onset: fixed.onset.unwrap_or_else(|| onset.draw(self.key, number)),
+            onset: fixed.onset.unwrap_or_else(onset),
+            duration: fixed.duration.unwrap_or(duration),
+            pause: fixed.pause.unwrap_or(pause),
             ended: false,
         };
     }
 
-    /// Whether the damage strikes before the next step.
-    pub fn is_struck(&self) -> bool {
-        !self.ended && self.onset > 0 && self.step == self.onset && self.class != 0
+    /// The damage class from the next step on, if it is another one than in the last step.
+    pub fn changes_to(&self) -> Option<usize> {
+        let class = self.class_in_force();
+        (!self.ended && self.step > 0 && class != self.class_at(self.step - 1)).then_some(class)
     }
 
-    /// The damage class that acts now: healthy until the onset.
+    /// The damage class that acts now: healthy before the onset and while the robot has recovered.
     pub fn class_in_force(&self) -> usize {
-        if self.step >= self.onset { self.class } else { 0 }
+        self.class_at(self.step)
+    }
+
+    fn class_at(&self, step: usize) -> usize {
+        let Some(since) = step.checked_sub(self.onset) else { return 0 };
+        let is_active = match (self.duration, self.pause) {
+            (0, _) => true,
+            (duration, 0) => since < duration,
+            (duration, pause) => since % (duration + pause) < duration,
+        };
+        if is_active { self.class } else { 0 }
     }
 }

@@ -1,6 +1,7 @@
 //! The vector env: N episodes with damage draws, onset, time limit and autoreset, over any backend.
 
 mod autoreset;
+mod buffers;
 mod episode;
 mod snapshot;
 
@@ -8,10 +9,10 @@ use crate::backend::{Backend, ObsRows, Reset, StepOutputs};
 use crate::curriculum::ClassDistribution;
 use crate::damage::DamageSpace;
 use crate::error::{SimError, expect_len};
-use crate::task::Task;
 
 pub use autoreset::Autoreset;
-pub use episode::Onset;
+pub use buffers::Buffers;
+pub use episode::{DamageCourse, StepRange};
 use episode::{Episode, EpisodeStart};
 pub use snapshot::VectorEnvSnapshot;
 
@@ -28,8 +29,8 @@ pub struct VectorEnvConfig {
     pub max_episode_steps: usize,
     /// Probabilities of the damage classes.
     pub classes: ClassDistribution,
-    /// When the damage strikes.
-    pub onset: Onset,
+    /// When the damage is active.
+    pub course: DamageCourse,
 }
 
 /// What an explicit reset fixes; `None` leaves it to the env's streams.
@@ -43,69 +44,10 @@ pub struct ResetOptions<'a> {
     pub classes: Option<&'a [Option<usize>]>,
     /// Step at which each env's damage strikes, `[N]`; `None` entries are drawn.
     pub onsets: Option<&'a [Option<usize>]>,
-}
-
-/// What the last step or reset left, one entry an env.
-#[derive(Debug, Clone, Default)]
-pub struct Buffers {
-    /// Observations, the damage code included, `[N, obs_dim]`.
-    pub obs: Vec<f32>,
-    /// Rewards, `[N]`.
-    pub rewards: Vec<f64>,
-    /// Terms of the reward with their weights, in the last step of each env, `[N, terms]`.
-    pub reward_terms: Vec<f64>,
-    /// Commands that hold in the next step, `[N, command_len]`.
-    pub command: Vec<f64>,
-    /// What the events have drawn for each episode, `[N, events]`.
-    pub events: Vec<f64>,
-    /// Failures, `[N]`.
-    pub terminated: Vec<bool>,
-    /// Time limits, `[N]`.
-    pub truncated: Vec<bool>,
-    /// Velocities of the main body along +x, m/s, `[N]`.
-    pub forward_velocity: Vec<f64>,
-    /// Whether the physics diverged in the last step of the env, which is then a failure, `[N]`.
-    pub diverged: Vec<bool>,
-    /// Active damage class, `[N]`; healthy before onset.
-    pub damage_class: Vec<i64>,
-    /// Step of the episode at which the damage strikes, `[N]`.
-    pub damage_onset: Vec<i64>,
-    /// Steps done in the episode, `[N]`.
-    pub episode_step: Vec<i64>,
-    /// Same-step mode: whether an episode ended in this step, `[N]`.
-    pub final_mask: Vec<bool>,
-    /// Same-step mode: last observations of ended episodes, `[N, obs_dim]`.
-    pub final_obs: Vec<f32>,
-    /// Same-step mode: damage class at the end of ended episodes, `[N]`.
-    pub final_damage_class: Vec<i64>,
-    /// Same-step mode: damage onset of ended episodes, `[N]`.
-    pub final_damage_onset: Vec<i64>,
-    /// Same-step mode: forward velocity in the last step of ended episodes, `[N]`.
-    pub final_forward_velocity: Vec<f64>,
-}
-
-impl Buffers {
-    fn new(envs: usize, obs_dim: usize, task: &Task) -> Self {
-        Self {
-            obs: vec![0.0; envs * obs_dim],
-            rewards: vec![0.0; envs],
-            reward_terms: vec![0.0; envs * task.reward_len()],
-            command: vec![0.0; envs * task.command_len()],
-            events: vec![0.0; envs * task.event_names().len()],
-            terminated: vec![false; envs],
-            truncated: vec![false; envs],
-            forward_velocity: vec![0.0; envs],
-            diverged: vec![false; envs],
-            damage_class: vec![0; envs],
-            damage_onset: vec![0; envs],
-            episode_step: vec![0; envs],
-            final_mask: vec![false; envs],
-            final_obs: vec![0.0; envs * obs_dim],
-            final_damage_class: vec![0; envs],
-            final_damage_onset: vec![0; envs],
-            final_forward_velocity: vec![0.0; envs],
-        }
-    }
+    /// Steps for which each env's damage lasts, `[N]`, 0 for good; `None` entries are drawn.
+    pub durations: Option<&'a [Option<usize>]>,
+    /// Steps from its end until it returns, `[N]`, 0 for never; `None` entries are drawn.
+    pub pauses: Option<&'a [Option<usize>]>,
 }
 
 /// N damage-randomised episodes.
@@ -133,7 +75,7 @@ impl VectorEnv {
         expect_len("keys", config.keys.len(), envs)?;
         expect_len("class weights", config.classes.len(), space.classes().len())?;
         expect_len("class table", backend.num_classes(), space.classes().len())?;
-        config.onset.check()?;
+        config.course.check()?;
         if config.max_episode_steps == 0 {
             return Err(SimError::Config("max_episode_steps must be at least 1, got 0".into()));
         }
@@ -213,7 +155,13 @@ impl VectorEnv {
         options.keys.map_or(Ok(()), |keys| expect_len("seeds", keys.len(), envs))?;
         options.mask.map_or(Ok(()), |mask| expect_len("reset mask", mask.len(), envs))?;
         options.classes.map_or(Ok(()), |classes| expect_len("damage classes", classes.len(), envs))?;
-        options.onsets.map_or(Ok(()), |onsets| expect_len("onsets", onsets.len(), envs))?;
+        for (name, values) in [
+            ("onsets", options.onsets),
+            ("damage durations", options.durations),
+            ("damage pauses", options.pauses),
+        ] {
+            values.map_or(Ok(()), |values| expect_len(name, values.len(), envs))?;
+        }
         let selected = |env: usize| options.mask.is_none_or(|mask| mask[env]);
         if !self.started && !(0..envs).all(selected) {
             return Err(SimError::Config(
@@ -236,6 +184,8 @@ impl VectorEnv {
             let fixed = EpisodeStart {
                 class: options.classes.and_then(|classes| classes[env]),
                 onset: options.onsets.and_then(|onsets| onsets[env]),
+                duration: options.durations.and_then(|durations| durations[env]),
+                pause: options.pauses.and_then(|pauses| pauses[env]),
             };
             resets.push(self.begin_episode(env, fixed));
         }
@@ -297,7 +247,8 @@ impl VectorEnv {
         }
         if !buffers.events.is_empty() {
             for (env, row) in rows(buffers.events.len() / self.episodes.len()) {
-                buffers.events[row].copy_from_slice(task.events(self.backend.memory(env)));
+                let drawn = task.events(self.backend.memory(env));
+                buffers.events[row].iter_mut().zip(drawn).for_each(|(shown, value)| *shown = value);
             }
         }
     }
@@ -316,14 +267,13 @@ impl VectorEnv {
         }
     }
 
-    /// Applies the damages whose onset has come. An env that waits for its reset stays as its episode ended.
+    /// Changes the damage of envs in which it strikes or ends. One that waits for its reset stays as its episode ended.
     fn strike(&mut self) -> Result<(), SimError> {
         let changes: Vec<(usize, usize)> = self
             .episodes
             .iter()
             .enumerate()
-            .filter(|(_, episode)| episode.is_struck())
-            .map(|(env, episode)| (env, episode.class))
+            .filter_map(|(env, episode)| Some((env, episode.changes_to()?)))
             .collect();
         if changes.is_empty() {
             return Ok(());
@@ -338,7 +288,7 @@ impl VectorEnv {
     /// Opens the next episode of an env and returns the reset that the backend has to do.
     fn begin_episode(&mut self, env: usize, fixed: EpisodeStart) -> Reset {
         let episode = &mut self.episodes[env];
-        episode.next(&self.config.classes, self.config.onset, fixed);
+        episode.next(&self.config.classes, self.config.course, fixed);
         let class = episode.class_in_force();
         let (key, number) = (episode.key, episode.number);
         self.buffers.damage_onset[env] = episode.onset as i64;

@@ -10,8 +10,8 @@ use crate::error::{SimError, expect_len};
 pub struct VectorEnvSnapshot {
     /// Physics.
     pub backend: BackendSnapshot,
-    /// Key, number, step, class, onset and "ended" of every episode, `[N, 6]`.
-    pub episodes: Vec<[u64; 6]>,
+    /// Key, number, step, class, onset, "ended", duration and pause of the damage of every episode, `[N, 8]`.
+    pub episodes: Vec<[u64; 8]>,
     /// Current observations, `[N, obs_dim]`.
     pub obs: Vec<f32>,
 }
@@ -20,7 +20,9 @@ impl VectorEnv {
     /// The state between two steps.
     pub fn snapshot(&self) -> Result<VectorEnvSnapshot, SimError> {
         let pack = |e: &Episode| {
-            [e.key, e.number, e.step as u64, e.class as u64, e.onset as u64, u64::from(e.ended)]
+            let whole = |steps: usize| steps as u64;
+            let (ended, duration, pause) = (u64::from(e.ended), whole(e.duration), whole(e.pause));
+            [e.key, e.number, whole(e.step), whole(e.class), whole(e.onset), ended, duration, pause]
         };
         Ok(VectorEnvSnapshot {
             backend: self.backend.snapshot()?,
@@ -49,13 +51,17 @@ impl VectorEnv {
         }
         self.backend.restore(&snapshot.backend)?;
         self.buffers.obs.copy_from_slice(&snapshot.obs);
-        for (env, &[key, number, step, class, onset, ended]) in snapshot.episodes.iter().enumerate() {
+        for (env, &[key, number, step, class, onset, ended, duration, pause]) in
+            snapshot.episodes.iter().enumerate()
+        {
             let episode = Episode {
                 key,
                 number,
                 step: step as usize,
                 class: class as usize,
                 onset: onset as usize,
+                duration: duration as usize,
+                pause: pause as usize,
                 ended: ended != 0,
             };
             self.episodes[env] = episode;

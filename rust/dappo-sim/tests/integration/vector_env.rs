@@ -2,8 +2,13 @@
 
 use crate::counter::{CODE, Counter, ROBOT, ROW};
 use dappo_sim::curriculum::{ClassDistribution, ClassMix, Strata};
-use dappo_sim::vector_env::{Onset, ResetOptions};
+use dappo_sim::vector_env::{DamageCourse, ResetOptions, StepRange};
 use dappo_sim::{Autoreset, DamageSpace, Robot, SimError, VectorEnv, VectorEnvConfig};
+
+/// Damage that stays, from one of these steps on.
+fn course(first: usize, last: usize) -> DamageCourse {
+    DamageCourse { onset: StepRange { first, last }, ..DamageCourse::default() }
+}
 
 fn space() -> DamageSpace {
     DamageSpace::new(4, vec!["jammed_joint".into(), "missing_toe".into()], 2).unwrap()
@@ -16,7 +21,7 @@ fn config(envs: usize, autoreset: Autoreset) -> VectorEnvConfig {
         autoreset,
         max_episode_steps: 3,
         classes: ClassDistribution::uniform(33),
-        onset: Onset::default(),
+        course: DamageCourse::default(),
     }
 }
 
@@ -114,8 +119,7 @@ fn without_autoreset_an_ended_env_stands_still_until_a_masked_reset() {
 #[test]
 fn a_damage_whose_step_comes_after_the_end_of_the_episode_has_no_effect() {
     for mode in [Autoreset::Disabled, Autoreset::NextStep] {
-        let mut env =
-            make(VectorEnvConfig { onset: Onset { first: 1, last: 1 }, ..config(2, mode) }).unwrap();
+        let mut env = make(VectorEnvConfig { course: course(1, 1), ..config(2, mode) }).unwrap();
         let classes = [Some(7), Some(7)];
         env.reset(ResetOptions { classes: Some(&classes), ..ResetOptions::default() }).unwrap();
         env.step(&FALL).unwrap();
@@ -176,7 +180,7 @@ fn the_damage_strikes_at_its_onset_and_not_before() {
 
 #[test]
 fn onsets_are_drawn_from_their_whole_range() {
-    let settings = VectorEnvConfig { onset: Onset { first: 3, last: 6 }, ..config(400, Autoreset::SameStep) };
+    let settings = VectorEnvConfig { course: course(3, 6), ..config(400, Autoreset::SameStep) };
     let env = started(settings);
     for onset in 3..=6 {
         let count = env.buffers().damage_onset.iter().filter(|&&drawn| drawn == onset).count();
@@ -240,7 +244,7 @@ fn an_episode_depends_on_its_key_and_number_alone() {
 #[test]
 fn a_restored_env_goes_on_as_the_one_it_was_saved_from() {
     for mode in [Autoreset::NextStep, Autoreset::SameStep, Autoreset::Disabled] {
-        let settings = || VectorEnvConfig { onset: Onset { first: 0, last: 3 }, ..config(2, mode) };
+        let settings = || VectorEnvConfig { course: course(0, 3), ..config(2, mode) };
         let mut original = started(settings());
         // Saved while the first env waits for its reset, where the mode has such a state.
         original.step(&FALL).unwrap();
@@ -320,7 +324,7 @@ fn impossible_settings_are_rejected() {
     let refused = |config: VectorEnvConfig| make(config).err().unwrap().to_string();
     let weights = VectorEnvConfig { classes: ClassDistribution::uniform(9), ..base() };
     assert_eq!(refused(weights), "class weights has 9 entries, expected 33");
-    let onset = VectorEnvConfig { onset: Onset { first: 3, last: 2 }, ..base() };
+    let onset = VectorEnvConfig { course: course(3, 2), ..base() };
     assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order and below 2^63");
     let steps = VectorEnvConfig { max_episode_steps: 0, ..base() };
     assert_eq!(refused(steps), "max_episode_steps must be at least 1, got 0");

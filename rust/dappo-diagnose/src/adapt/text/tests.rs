@@ -1,14 +1,15 @@
 //! The text of small trials, as a person would write it.
 
 use dappo_learn::walk::{Episode, Kept, Walks};
-use dappo_sim::vector_env::Onset;
+use dappo_sim::vector_env::{DamageCourse, StepRange};
 
 use super::*;
 use crate::adapt::AssumedClass;
 
 fn trial(episodes: usize) -> Trial {
-    let onset = Onset { first: 300, last: 300 };
-    Trial { classes: Vec::new(), episodes, onset, seed: 0, kept: Kept::Velocities }
+    let onset = StepRange { first: 300, last: 300 };
+    let course = DamageCourse { onset, ..DamageCourse::default() };
+    Trial { classes: Vec::new(), episodes, course, seed: 0, kept: Kept::Velocities }
 }
 
 fn known() -> KnownClasses {

@@ -247,6 +247,9 @@ pub struct ClassesArgs {
     /// Largest number of damaged limbs [default: the robot's]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub max_damaged_limbs: Option<usize>,
+    /// Largest number of damages of a limb [default: the robot's]
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    pub max_damages_per_limb: Option<usize>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -64,6 +64,9 @@ pub struct CheckArgs {
     /// Largest number of damaged limbs [default: the robot's]
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     pub max_damaged_limbs: Option<usize>,
+    /// Largest number of damages of a limb [default: the robot's]
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    pub max_damages_per_limb: Option<usize>,
     /// Write a PNG with a tile for each damage class, at most 36
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
