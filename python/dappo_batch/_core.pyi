@@ -60,13 +60,21 @@ class DamageClass:
 
 @final
 class DamageSpace:
-    def __new__(cls, limbs: int, types: Sequence[str], max_damaged_limbs: int) -> DamageSpace: ...
+    def __new__(
+        cls,
+        limbs: int,
+        types: Sequence[str],
+        max_damaged_limbs: int,
+        max_damages_per_limb: int | None = None,
+    ) -> DamageSpace: ...
     @property
     def limbs(self) -> int: ...
     @property
     def types(self) -> list[str]: ...
     @property
     def max_damaged_limbs(self) -> int: ...
+    @property
+    def max_damages_per_limb(self) -> int: ...
     @property
     def code_length(self) -> int: ...
     @property
@@ -88,6 +96,8 @@ class VectorEnv:
         max_episode_steps: int | None = None,
         class_weights: NDArray[np.float64] | None = None,
         onset: tuple[int, int] = ...,
+        damage_duration: tuple[int, int] | None = None,
+        damage_pause: tuple[int, int] | None = None,
         threads: int | None = None,
         device: str = "cpu",
         backend: str = "auto",
@@ -120,6 +130,8 @@ class VectorEnv:
         mask: NDArray[np.bool_] | None = None,
         classes: NDArray[np.int64] | None = None,
         onsets: NDArray[np.int64] | None = None,
+        durations: NDArray[np.int64] | None = None,
+        pauses: NDArray[np.int64] | None = None,
     ) -> None: ...
     def step(self, actions: NDArray[np.float32]) -> None: ...
     def get_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...

@@ -40,6 +40,7 @@ def check_robot(
     *,
     types: Sequence[str] | None = None,
     max_damaged_limbs: int | None = None,
+    max_damages_per_limb: int | None = None,
     picture: str | bytes | PathLike[str] | None = None,
 ) -> RobotReport:
     """Compile all damage classes of a robot, and report what it is and what supports it.
@@ -52,6 +53,8 @@ def check_robot(
         Names of damage types; by default those of the robot TOML.
     max_damaged_limbs
         Maximum number of damaged limbs; by default that of the robot TOML.
+    max_damages_per_limb
+        Maximum number of damages of a limb; by default that of the robot TOML.
     picture
         A PNG file to write, with a tile for each damage class, at most 36.
 
@@ -80,19 +83,26 @@ def check_robot(
     names = [text(name, "a damage type") for name in names]
     limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
     limit = integer(limit, "max_damaged_limbs", 0)
-    table, refusals = _compile(robot, names, limit)
+    table, refusals = _compile(robot, names, limit, max_damages_per_limb)
     if target is not None:
         tiles.write(target, table)
     return _report(table, refusals)
 
 
-def _compile(robot: Robot, names: Sequence[str], limit: int) -> tuple[ClassTable, list[str]]:
+def _compile(
+    robot: Robot, names: Sequence[str], limit: int, per_limb: int | None
+) -> tuple[ClassTable, list[str]]:
     """Return the class table of all damage types that can be applied, and why others cannot."""
     refused = damage_refusals(robot, names) if limit else {}
     fit = [name for name in names if name not in refused]
     refusals = [fault for faults in refused.values() for fault in faults]
+    if per_limb is not None:
+        per_limb = min(integer(per_limb, "max_damages_per_limb", 1), max(len(fit), 1))
     try:
-        return compile_class_table(robot, types=fit, max_damaged_limbs=limit if fit else 0), refusals
+        table = compile_class_table(
+            robot, types=fit, max_damaged_limbs=limit if fit else 0, max_damages_per_limb=per_limb
+        )
+        return table, refusals
     except ClassTableError as error:
         return compile_class_table(robot, types=fit, max_damaged_limbs=0), [*refusals, str(error)]
 
@@ -267,11 +277,18 @@ def command(
     robot: str,
     types: Sequence[str] | None,
     max_damaged_limbs: int | None,
+    max_damages_per_limb: int | None,
     picture: Path | None,
     json: bool,
 ) -> int:
     """Run ``dappo-batch check`` and return its exit code: 1 if a damage type cannot be applied."""
-    report = check_robot(robot, types=types, max_damaged_limbs=max_damaged_limbs, picture=picture)
+    report = check_robot(
+        robot,
+        types=types,
+        max_damaged_limbs=max_damaged_limbs,
+        max_damages_per_limb=max_damages_per_limb,
+        picture=picture,
+    )
     print(dumps(report.to_dict(), indent=2) if json else _text(report))
     if picture is not None and not json:
         from dappo_batch.render import tiles

@@ -58,7 +58,7 @@ _Kind = TypeVar("_Kind", bound=type[DamageType])
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
-_RESERVED = ("max_damaged_limbs", "severity", "types")
+_RESERVED = ("max_damaged_limbs", "max_damages_per_limb", "modules", "severity", "types")
 """Names of other entries of the section ``[damage]``."""
 
 

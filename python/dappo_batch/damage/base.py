@@ -29,6 +29,9 @@ class DamageType(ABC):
     disables_touch: ClassVar[bool] = False
     """Whether the touch signal of a damaged limb reads 0."""
 
+    removes_parts: ClassVar[bool] = False
+    """Whether parts of the limb are gone; a limb cannot have two such types at once."""
+
     @abstractmethod
     def apply(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> None:
         """Damage one limb.

@@ -60,6 +60,7 @@ class MissingShank(DamageType):
 
     name: ClassVar[str] = "missing_shank"
     disables_touch: ClassVar[bool] = True
+    removes_parts: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_half_length(self.half_length, self.name)

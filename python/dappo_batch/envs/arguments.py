@@ -22,13 +22,13 @@ Damage: TypeAlias = DamageSpec | Sequence[DamageSpec] | Mapping[str | int, float
 Seed: TypeAlias = int | Sequence[int | None] | None
 
 DRAW = -1
-"""In arrays of class ids or onsets: drawn by the environment."""
+"""In arrays of class ids or steps: drawn by the environment."""
 
 MOST_ENVS = 2**24
 MOST_STEPS = 2**31 - 1  # devices count steps with 31 bits
 MOST_THREADS = 4096
 KEY_LIMIT = 2**64  # random streams are keyed by unsigned 64-bit integers
-RESET_OPTIONS = ("damage_class", "onset", "reset_mask")
+RESET_OPTIONS = ("damage_class", "onset", "damage_duration", "damage_pause", "reset_mask")
 
 
 def autoreset_mode(value: str | AutoresetMode) -> AutoresetMode:
@@ -126,20 +126,31 @@ def _weight(spec: object, value: object) -> float:
     return weight
 
 
-def onset_range(onset: int | tuple[int, int]) -> tuple[int, int]:
-    """Return the inclusive range of episode steps from which the onset is drawn.
+def step_range(steps: int | tuple[int, int], name: str, least: int = 0) -> tuple[int, int]:
+    """Return the inclusive range of numbers of steps from which the argument `name` is drawn.
 
     Raises
     ------
     ConfigError
-        If a step is not an integer, or negative, or the range is empty.
+        If a number is not an integer, or less than `least`, or the range is empty.
     """
-    each = items(onset)
-    low, high = each if each is not None and len(each) == 2 else (onset, onset)
-    low, high = integer(low, "onset", 0, MOST_STEPS), integer(high, "onset", 0, MOST_STEPS)
+    each = items(steps)
+    low, high = each if each is not None and len(each) == 2 else (steps, steps)
+    low, high = integer(low, name, least, MOST_STEPS), integer(high, name, least, MOST_STEPS)
     if high < low:
-        raise ConfigError(f"onset: the range must not be empty, got ({low}, {high})")
+        raise ConfigError(f"{name}: the range must not be empty, got ({low}, {high})")
     return low, high
+
+
+def optional_step_range(steps: int | tuple[int, int] | None, name: str) -> tuple[int, int] | None:
+    """Return the range of a number of steps that is at least 1, or None.
+
+    Raises
+    ------
+    ConfigError
+        As `step_range`.
+    """
+    return None if steps is None else step_range(steps, name, 1)
 
 
 def fresh_keys(num_envs: int) -> NDArray[np.uint64]:
@@ -197,11 +208,16 @@ class ResetOptions:
         Damage class of the next episode, `DRAW` where the env draws it.
     onsets : array of shape [N] or None
         Onset in episode steps, `DRAW` where the env draws it.
+    durations, pauses : array of shape [N] or None
+        Steps for which the damage lasts and until it returns, `DRAW` where the env draws them; 0: for good,
+        and never.
     """
 
     mask: NDArray[np.bool_] | None
     classes: NDArray[np.int64] | None
     onsets: NDArray[np.int64] | None
+    durations: NDArray[np.int64] | None
+    pauses: NDArray[np.int64] | None
 
     @classmethod
     def parse(cls, options: Mapping[str, Any] | None, space: DamageSpace, num_envs: int) -> ResetOptions:
@@ -219,14 +235,20 @@ class ResetOptions:
         if unknown:
             raise ConfigError(f"reset options: unknown {unknown}, expected some of {list(RESET_OPTIONS)}")
         mask = options.get("reset_mask")
+
+        def steps(name: str) -> NDArray[np.int64] | None:
+            return _per_env(
+                options.get(name), name, num_envs, lambda value: integer(value, name, 0, MOST_STEPS)
+            )
+
         return cls(
             mask=None if mask is None else _reset_mask(mask, num_envs),
             classes=_per_env(
                 options.get("damage_class"), "damage_class", num_envs, lambda spec: class_id(space, spec)
             ),
-            onsets=_per_env(
-                options.get("onset"), "onset", num_envs, lambda step: integer(step, "onset", 0, MOST_STEPS)
-            ),
+            onsets=steps("onset"),
+            durations=steps("damage_duration"),
+            pauses=steps("damage_pause"),
         )
 
 

@@ -53,12 +53,20 @@ class EnvOptions(TypedDict, total=False):
     onset : int or (int, int)
         Episode step at which the damage becomes active, or the inclusive range it is drawn from; 0, the
         default, is the reset.
+    damage_duration : int or (int, int)
+        Steps for which the damage lasts, at least 1, or the inclusive range they are drawn from in every
+        episode; by default it lasts for good. Afterwards the robot is healthy.
+    damage_pause : int or (int, int)
+        Steps from the end of the damage until it returns, at least 1, for as long as before and again and
+        again, or the inclusive range they are drawn from in every episode; by default it does not return.
     max_episode_steps : int
         Steps after which an episode is truncated; by default the limit of the robot TOML.
     severity : float
         In (0, 1]; 1, the default, is the full damage.
     max_damaged_limbs : int
         Maximum number of damaged limbs; by default that of the robot TOML.
+    max_damages_per_limb : int
+        Maximum number of damages of a limb, of different types; by default that of the robot TOML.
     physics : {"rk4", "euler"}
         Integrator; by default that of the robot's MJCF.
     backend : {"auto", "lanes", "mujoco"}
@@ -77,9 +85,12 @@ class EnvOptions(TypedDict, total=False):
     observe_damage: bool
     seed: Seed
     onset: int | tuple[int, int]
+    damage_duration: int | tuple[int, int] | None
+    damage_pause: int | tuple[int, int] | None
     max_episode_steps: int | None
     severity: float
     max_damaged_limbs: int | None
+    max_damages_per_limb: int | None
     physics: Physics | None
     backend: Backend
     precision: Precision
@@ -122,9 +133,12 @@ _DEFAULTS: VectorEnvOptions = {
     "observe_damage": True,
     "seed": None,
     "onset": (0, 0),
+    "damage_duration": None,
+    "damage_pause": None,
     "max_episode_steps": None,
     "severity": 1.0,
     "max_damaged_limbs": None,
+    "max_damages_per_limb": None,
     "physics": None,
     "backend": "auto",
     "precision": "f32",

@@ -16,7 +16,8 @@ from dappo_batch.envs.arguments import (
     autoreset_mode,
     class_weights,
     fresh_keys,
-    onset_range,
+    optional_step_range,
+    step_range,
     stream_keys,
 )
 from dappo_batch.envs.options import Backend, Device, Precision, RobotLike, VectorEnvOptions
@@ -72,12 +73,20 @@ def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
             f"robot must be a name, the path of a robot TOML, a Robot or a ClassTable, got {shown(robot)}"
         )
     severity = real(options["severity"], "severity")
-    limit, physics = options["max_damaged_limbs"], options["physics"]
+    limit, per_limb = options["max_damaged_limbs"], options["max_damages_per_limb"]
+    physics = options["physics"]
     if not isinstance(robot, ClassTable):
-        return compile_class_table(robot, max_damaged_limbs=limit, severity=severity, physics=physics)
-    if limit is not None or physics is not None or severity not in (1.0, robot.severity):
+        return compile_class_table(
+            robot,
+            max_damaged_limbs=limit,
+            max_damages_per_limb=per_limb,
+            severity=severity,
+            physics=physics,
+        )
+    given = [option for option in (limit, per_limb, physics) if option is not None]
+    if given or severity not in (1.0, robot.severity):
         raise _core.ConfigError(
-            "a compiled class table fixes max_damaged_limbs, severity and physics; "
+            "a compiled class table fixes max_damaged_limbs, max_damages_per_limb, severity and physics; "
             "pass them to compile_class_table"
         )
     return robot
@@ -104,7 +113,9 @@ def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _
         autoreset=autoreset_mode(options["autoreset"]).name.lower(),
         max_episode_steps=_size(options["max_episode_steps"], "max_episode_steps"),
         class_weights=class_weights(table.space, options["damage"]),
-        onset=onset_range(options["onset"]),
+        onset=step_range(options["onset"], "onset"),
+        damage_duration=optional_step_range(options["damage_duration"], "damage_duration"),
+        damage_pause=optional_step_range(options["damage_pause"], "damage_pause"),
         threads=_size(options["threads"], "threads", MOST_THREADS),
         device=choice(options["device"], "device", get_args(Device)),
         backend=choice(options["backend"], "backend", get_args(Backend)),

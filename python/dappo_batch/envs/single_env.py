@@ -74,7 +74,8 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
             Restarts the random stream; by default it continues.
         options : mapping, optional
             ``damage_class``: the class of this episode (id or spec string). ``onset``: the episode step
-            at which the damage becomes active.
+            at which the damage becomes active. ``damage_duration``, ``damage_pause``: steps for which it
+            lasts (0: for good), and from its end until it returns (0: never).
 
         Returns
         -------
@@ -96,7 +97,13 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
             seed = integer(seed, "seed", 0, 2**64 - 1)
             keys, _ = stream_keys(seed, 1)
         super().reset(seed=seed)
-        self._core.reset(seeds=keys, classes=chosen.classes, onsets=chosen.onsets)
+        self._core.reset(
+            seeds=keys,
+            classes=chosen.classes,
+            onsets=chosen.onsets,
+            durations=chosen.durations,
+            pauses=chosen.pauses,
+        )
         self._was_reset = True
         return self._obs(), self._info()
 
@@ -118,9 +125,9 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         truncated : bool
             The time limit was reached; never without `max_episode_steps`.
         info : dict
-            ``damage_class`` (the active damage in this step, 0 before the onset), ``damage_onset``
-            (episode step), ``severity``, ``forward_velocity`` (m/s); with a task that has them, ``command``
-            [3] (m/s, m/s, rad/s) for the next step and ``events`` [E], what is random in this episode.
+            ``damage_class`` (the active damage in this step, 0 before the onset and after the end),
+            ``damage_onset`` (episode step), ``severity``, ``forward_velocity`` (m/s); with a task that has
+            them, ``command`` [3] (m/s, m/s, rad/s) for the next step and ``events`` [E], what is random in this episode.
 
         Raises
         ------

@@ -154,8 +154,10 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
             seed for each env, and ``None`` keeps the stream of that env. By default all streams continue.
         options : mapping, optional
             ``reset_mask``: booleans [N]. ``damage_class``: one class (id or spec string) or one per env.
-            ``onset``: the episode step at which the damage becomes active, one or one per env. With one
-            value per env, those that are ``None`` or -1 are drawn by the env.
+            ``onset``: the episode step at which the damage becomes active, one or one per env.
+            ``damage_duration``, ``damage_pause``: steps for which it lasts (0: for good), and from its end
+            until it returns (0: never), one or one per env. With one value per env, those that are ``None``
+            or -1 are drawn by the env.
 
         Returns
         -------
@@ -189,6 +191,8 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
                     mask=None if part.all() else part,
                     classes=chosen.classes,
                     onsets=chosen.onsets,
+                    durations=chosen.durations,
+                    pauses=chosen.pauses,
                 )
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))  # seeds Gymnasium's np_random
@@ -216,9 +220,9 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         truncated : array of shape [N]
             The time limit was reached.
         infos : dict
-            ``damage_class`` (the active damage in this step, 0 before the onset), ``damage_onset``
-            (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode begins), each of
-            shape [N] with its mask ``_key``. With a task that has them, ``command`` [N, 3] (m/s, m/s, rad/s)
+            ``damage_class`` (the active damage in this step, 0 before the onset and after the end),
+            ``damage_onset`` (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode
+            begins), each of shape [N] with its mask ``_key``. With a task that has them, ``command`` [N, 3] (m/s, m/s, rad/s)
             for the next step and ``events`` [N, E], what is random in each episode. In mode ``same_step``,
             where an episode ended: ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the keys
             of the damage and the velocity at the episode's last step).

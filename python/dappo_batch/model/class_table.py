@@ -111,6 +111,7 @@ def compile_class_table(
     *,
     types: Sequence[str] | None = None,
     max_damaged_limbs: int | None = None,
+    max_damages_per_limb: int | None = None,
     severity: float = 1.0,
     physics: Physics | None = None,
     damage_options: Mapping[str, Mapping[str, Any]] | None = None,
@@ -128,6 +129,9 @@ def compile_class_table(
         Names of damage types, in the order of enumeration; by default those of the robot TOML.
     max_damaged_limbs : int, optional
         Maximum number of damaged limbs; by default that of the robot TOML.
+    max_damages_per_limb : int, optional
+        Maximum number of damages of a limb, of different types, which are applied in the order of the types;
+        by default that of the robot TOML.
     severity : float, optional
         In (0, 1]; 1, the default, is the full damage.
     physics : {"rk4", "euler"}, optional
@@ -155,6 +159,8 @@ def compile_class_table(
     types = None if types is None else [text(name, "a damage type") for name in sequence(types, "types")]
     if max_damaged_limbs is not None:
         max_damaged_limbs = integer(max_damaged_limbs, "max_damaged_limbs", 0)
+    if max_damages_per_limb is not None:
+        max_damages_per_limb = integer(max_damages_per_limb, "max_damages_per_limb", 1)
     for name, options in mapping({} if damage_options is None else damage_options, "damage_options").items():
         text(name, "a key of damage_options")
         for key in mapping(options, f"damage_options[{name!r}]"):
@@ -164,7 +170,9 @@ def compile_class_table(
     names = list(robot.damage_types if types is None else types)
     kinds = _damage_types(robot, names, damage_options or {})
     limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
-    space = DamageSpace(len(robot.limbs), names, limit)
+    per_limb = robot.damages_per_limb(names, max_damages_per_limb)
+    _check_removals(robot, kinds, per_limb)
+    space = DamageSpace(len(robot.limbs), names, limit, per_limb)
 
     with quiet_mujoco():
         base, edits = _read_spec(robot, physics)
@@ -179,7 +187,8 @@ def compile_class_table(
         severity=float(severity),
         models=models,
         disabled_touch=tuple(
-            tuple(limb for limb, name in item.damages if kinds[name].disables_touch) for item in space.classes
+            tuple(sorted({limb for limb, name in item.damages if kinds[name].disables_touch}))
+            for item in space.classes
         ),
         limb_bodies=parts.limb_bodies,
         touch_addresses=parts.touch_addresses,
@@ -235,6 +244,16 @@ def _unfit_limbs(
     return faults
 
 
+def _check_removals(robot: Robot, kinds: Mapping[str, DamageType], per_limb: int) -> None:
+    removing = [name for name, kind in kinds.items() if kind.removes_parts]
+    if per_limb > 1 and len(removing) > 1:
+        raise ConfigError(
+            f"robot {robot.name}: max_damages_per_limb is {per_limb}, but the damage types"
+            f" {', '.join(removing)} all remove parts of a limb, which cannot have two of them; list one"
+            " of them, or set max_damages_per_limb = 1"
+        )
+
+
 def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int) -> None:
     size = classes * int(model.nbuffer)
     if size > _MOST_MEMORY:
@@ -288,7 +307,10 @@ def _compile_class(
 ) -> mujoco.MjModel:
     spec = base.copy()
     for limb, name in damage_class.damages:
-        kinds[name].apply(spec, robot.limbs[limb], severity)
+        try:
+            kinds[name].apply(spec, robot.limbs[limb], severity)
+        except ConfigError as error:  # each type alone was possible
+            raise ClassTableError(f"damage class {damage_class.name}: {error}") from error
     try:
         # After the damage and not once for all classes, as damage may change contact parameters.
         make_floor_contacts_explicit(spec)

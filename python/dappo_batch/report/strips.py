@@ -128,6 +128,7 @@ def _class_table(run: Run) -> ClassTable:
         own or run.robot,
         types=damage.get("types"),
         max_damaged_limbs=damage.get("max_damaged_limbs"),
+        max_damages_per_limb=damage.get("max_damages_per_limb"),
         severity=damage.get("severity", 1.0),
         physics=run.config["env"].get("physics"),
         damage_options=damage.get("options"),

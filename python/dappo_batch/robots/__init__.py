@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -117,6 +118,14 @@ class Robot:
     def max_damaged_limbs(self) -> int:
         """Maximum number of damaged limbs."""
         return int(self.spec["damage"]["max_damaged_limbs"])
+
+    def damages_per_limb(self, types: Sequence[str], given: int | None = None) -> int:
+        """Return the maximum number of damages of a limb with these damage types.
+
+        If it is not given, it is that of the robot TOML, but at most the number of types.
+        """
+        own = int(self.spec["damage"].get("max_damages_per_limb", 1))
+        return min(own, max(len(types), 1)) if given is None else given
 
     @property
     def damage_modules(self) -> tuple[str, ...]:

@@ -68,9 +68,8 @@ def damage_spec(rng: Random, room: Room) -> None:
     if rng.random() < 0.3:
         limbs = rng.choice((1, 3, 4, 6, 20, values.anything(rng)))
         types = rng.choice((list(TYPES[:1]), list(TYPES), ["a", "a"], values.anything(rng)))
-        space = room.call(
-            dappo_batch.DamageSpace, limbs, types, rng.choice((0, 1, 2, 3, values.anything(rng)))
-        )
+        most, per_limb = (rng.choice((1, 0, 2, 3, values.anything(rng))) for _ in range(2))
+        space = room.call(dappo_batch.DamageSpace, limbs, types, most, per_limb)
     if rng.random() < 0.3:
         room.call(space.parse, values.anything(rng))
         return
@@ -83,6 +82,7 @@ def table(rng: Random, room: Room) -> None:
     odd: dict[str, Any] = {
         "types": list(TYPES[:2]),
         "max_damaged_limbs": 1,
+        "max_damages_per_limb": 2,
         "severity": 0.5,
         "physics": "euler",
     }
@@ -102,6 +102,7 @@ def environment(rng: Random, room: Room) -> None:
     """Create and reset envs with odd options."""
     valid: dict[str, Any] = {
         **{"damage": "uniform", "onset": (0, 3), "seed": 1, "reward": "paper", "observe_damage": True},
+        **{"damage_duration": (1, 2), "damage_pause": 1},
         **{
             "autoreset": "same_step",
             "max_episode_steps": 5,
@@ -140,7 +141,7 @@ def steps(rng: Random, room: Room) -> None:
         obs, *_ = room.call(envs.step, np.zeros(envs.action_space.shape, np.float32))
         assert np.isfinite(obs).all(), "an observation is not finite"
     else:
-        names = ("damage_class", "onset", "reset_mask", "x")
+        names = ("damage_class", "onset", "damage_duration", "damage_pause", "reset_mask", "x")
         odd = {name: values.anything(rng) for name in rng.sample(names, rng.randrange(1, 3))}
         room.call(envs.reset, seed=rng.choice((None, values.anything(rng))), options=odd)
 

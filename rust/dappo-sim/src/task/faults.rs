@@ -133,9 +133,9 @@ pub(super) struct ActiveFault<'a> {
 
 impl ActiveFault<'_> {
     /// Replaces entries of an observation that begin with a reading.
-    pub fn distort(&self, reading: Reading, entries: &mut [f32]) {
+    pub fn distort<'e>(&self, reading: Reading, entries: impl Iterator<Item = &'e mut f32>) {
         let first = reading as usize - self.first;
-        for (index, entry) in entries.iter_mut().enumerate() {
+        for (index, entry) in entries.enumerate() {
             *entry = match self.kind {
                 SensorFaultKind::Stuck => self.held[first + index] as f32,
                 SensorFaultKind::Biased => *entry + self.offsets[first + index] as f32,
@@ -343,13 +343,9 @@ impl Sensor {
         let (shown, hidden) = row[self.slots.clone()].split_at(self.names.len());
         let (header, values) = hidden.split_at(HEADER);
         let (offsets, held) = values.split_at(self.offsets.len());
-        (shown[0] != 0.0).then(|| ActiveFault {
-            kind: self.course.kinds[header[2] as usize],
-            part: header[3] as usize,
-            first: first as usize,
-            offsets,
-            held,
-        })
+        let kind = *self.course.kinds.get(header[2] as usize)?;
+        let fault = ActiveFault { kind, part: header[3] as usize, first: first as usize, offsets, held };
+        (shown[0] != 0.0).then_some(fault)
     }
 }
 

@@ -287,14 +287,15 @@ fn put(out: &mut [f32], values: &[f64]) {
 fn imu(scene: &Scene<'_>, out: &mut [f32], truth: &[f64], reading: Reading) {
     put(out, truth);
     if let Some(fault) = scene.imu_fault() {
-        fault.distort(reading, out);
+        fault.distort(reading, out.iter_mut());
     }
 }
 
 /// Replaces the reading of an encoder that is faulty.
 fn distort_encoder(scene: &Scene<'_>, out: &mut [f32], reading: Reading) {
     if let Some(fault) = scene.encoder_fault() {
-        fault.distort(reading, &mut out[fault.part..=fault.part]);
+        let joint = out.iter_mut().skip(fault.part).take(1);
+        fault.distort(reading, joint);
     }
 }
 

@@ -128,7 +128,7 @@ impl Episode {
         let is_active = match (self.duration, self.pause) {
             (0, _) => true,
             (duration, 0) => since < duration,
-            (duration, pause) => since % (duration + pause) < duration,
+            (duration, pause) => since % duration.saturating_add(pause) < duration,
         };
         if is_active { self.class } else { 0 }
     }

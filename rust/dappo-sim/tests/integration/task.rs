@@ -184,3 +184,31 @@ fn a_task_in_a_file_of_its_own_gives_way_to_the_robots_entries() {
     let unknown = dappo_sim::robot::with_task(&robot, &format!("{task}\n[limbs]\n"), "walk").unwrap_err();
     assert!(unknown.to_string().contains("the task `walk` has unknown entries limbs"), "{unknown}");
 }
+
+#[test]
+fn a_fault_of_a_sensor_is_in_what_the_policy_observes_and_not_in_what_the_critic_does() {
+    let fault = "[events.imu_fault]\nshare = 1.0\nkinds = [\"biased\"]\nonset = [0.01, 0.01]\n\
+                 offset = { base_ang_vel = [0.5, 0.5] }\n";
+    let terms = "{ term = \"base_ang_vel\" }";
+    let text = ROBOT.replace("{ term = \"command\" }", terms).replace("{ term = \"base_height\" }", terms);
+    let task = task(&format!("{text}{fault}"), true).unwrap();
+    let mut row = vec![0.0; task.memory_len()];
+    task.begin(&mut row, &Reset { env: 0, class: 0, key: 7, episode: 0 });
+    let signals = Signals {
+        class: 0,
+        qpos: &[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0],
+        qvel: &[0.0, 0.0, 0.0, 1.0, 2.0, 3.0],
+        ctrl: &[0.0; 2],
+        actuator_force: &[0.0; 2],
+        cfrc_ext: &[0.0; 6],
+        sensordata: &[],
+        forward_velocity: 0.0,
+        disabled_touch: &[],
+    };
+    let mut obs = [0.0; 6];
+    task.observe_first(&mut row, &signals, &mut obs);
+    assert_eq!(obs, [1.0, 2.0, 3.0, 1.0, 2.0, 3.0]);
+    task.outcome(&mut row, &signals, &mut vec![0.0; task.reward_len()]);
+    task.observe(&mut row, &signals, &mut obs);
+    assert_eq!(obs, [1.5, 2.5, 3.5, 1.0, 2.0, 3.0]);
+}
