@@ -127,7 +127,8 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         info : dict
             ``damage_class`` (the active damage in this step, 0 before the onset and after the end),
             ``damage_onset`` (episode step), ``severity``, ``forward_velocity`` (m/s); with a task that has
-            them, ``command`` [3] (m/s, m/s, rad/s) for the next step and ``events`` [E], what is random in this episode.
+            them, ``command`` [3] (m/s, m/s, rad/s) for the next step and ``events`` [E],
+            what is random in this episode.
 
         Raises
         ------

@@ -222,10 +222,10 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         infos : dict
             ``damage_class`` (the active damage in this step, 0 before the onset and after the end),
             ``damage_onset`` (episode step), ``severity``, ``forward_velocity`` (m/s, 0 where an episode
-            begins), each of shape [N] with its mask ``_key``. With a task that has them, ``command`` [N, 3] (m/s, m/s, rad/s)
-            for the next step and ``events`` [N, E], what is random in each episode. In mode ``same_step``,
-            where an episode ended: ``final_obs`` (objects, arrays of shape [O]) and ``final_info`` (the keys
-            of the damage and the velocity at the episode's last step).
+            begins), each of shape [N] with its mask ``_key``. With a task that has them, ``command`` [N, 3]
+            (m/s, m/s, rad/s) for the next step and ``events`` [N, E], what is random in each episode. In mode
+            ``same_step``, where an episode ended: ``final_obs`` (objects, arrays of shape [O]) and
+            ``final_info`` (the keys of the damage and the velocity at the episode's last step).
 
         Raises
         ------
