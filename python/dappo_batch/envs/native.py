@@ -69,6 +69,27 @@ class NativeEnv(NotPicklable):
         return self._core.reward_names
 
     @property
+    def obs_names(self) -> list[str]:
+        """What each entry of an observation is, O of them.
+
+        For example ``"joint_pos FR_hip_joint"`` or ``"base_ang_vel z"``; the damage code has names such as
+        ``"damage jammed_joint@0"``.
+        """
+        names = [name for name, _ in self._core.entries]
+        space = self.table.space
+        code = [f"damage {kind}@{limb}" for limb in range(space.limbs) for kind in space.types]
+        return [*names, *code][: self._core.obs.shape[1]]
+
+    @property
+    def obs_units(self) -> list[str]:
+        """Units of the entries of an observation, before a scale of the task, O of them.
+
+        They are empty for numbers without a unit.
+        """
+        units = [unit for _, unit in self._core.entries]
+        return [*units, *([""] * (self._core.obs.shape[1] - len(units)))]
+
+    @property
     def event_names(self) -> list[str]:
         """Names of what the events of the task draw for an episode, E of them; see ``infos["events"]``."""
         return self._core.event_names

@@ -368,6 +368,13 @@ impl PyVectorEnv {
         Ok(self.env()?.backend().task().reward_names().collect())
     }
 
+    /// Names and units of the entries of an observation, damage code not included.
+    #[getter]
+    fn entries(&self) -> PyResult<Vec<(String, String)>> {
+        let entries = self.env()?.backend().task().entries().into_iter();
+        Ok(entries.map(|entry| (entry.name, entry.unit)).collect())
+    }
+
     /// Names of what the events draw for an episode.
     #[getter]
     fn event_names(&self) -> PyResult<Vec<String>> {

@@ -8,7 +8,7 @@ use dappo_learn::error::{FileKind, LearnError, Result};
 use dappo_learn::files::sealed::{Checksum, Manifest, Seal};
 use dappo_learn::run_folder::RunFolder;
 use dappo_nn::Standardizer;
-use dappo_sim::task::ObservationTerm;
+use dappo_sim::task::{ActuatorParts, Anatomy, Entry, ObservationTerm};
 use serde::{Deserialize, Serialize};
 
 use crate::controller::ControllerConfig;
@@ -30,6 +30,13 @@ pub struct ExportHeader {
     pub obs_dim: usize,
     /// Length of an action, A.
     pub action_dim: usize,
+    /// What each entry of an observation is, `[O]`; absent from exports of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub observation: Vec<Entry>,
+    /// The joints that the actions move, `[A]`; absent if actuators move something else, and from exports of earlier
+    /// versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joints: Vec<JointHeader>,
     /// The damage classes; the index is the class, 0 is the healthy robot.
     pub classes: Vec<ClassHeader>,
     /// When damage is suspected and which diagnoses are accepted; nothing for a policy alone.
@@ -137,6 +144,30 @@ pub struct TwinHeader {
     /// What the difference between two observations is multiplied by to form the residual, 0 for entries that do not
     /// take part, `[O]`.
     pub residual_scale: Option<Vec<f32>>,
+}
+
+/// A joint that an action moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointHeader {
+    /// Name of the joint.
+    pub name: String,
+    /// Name of its actuator.
+    pub actuator: String,
+    /// Position in the default pose, rad, which the term `joint_pos` is relative to.
+    pub default: f64,
+}
+
+impl JointHeader {
+    /// The joints of a robot in the order of the actions; none if an actuator moves something else.
+    pub(super) fn of(anatomy: &Anatomy) -> Vec<Self> {
+        let joint = |ActuatorParts { name: actuator, joint, .. }: &ActuatorParts| {
+            let joint = joint.as_ref()?;
+            let default = *anatomy.start.get(joint.qpos)?;
+            Some(Self { name: joint.name.clone(), actuator: actuator.clone(), default })
+        };
+        anatomy.actuators.iter().map(joint).collect::<Option<_>>().unwrap_or_default()
+    }
 }
 
 /// ctrl = `offset` + `scale` · clip(action, ±1).

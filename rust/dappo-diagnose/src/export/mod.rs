@@ -38,8 +38,8 @@ use crate::controller::{ControllerConfig, Skills};
 
 pub(crate) use header::last_name;
 pub use header::{
-    ActuatorHeader, ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, PolicyHeader,
-    RunSource, Sources, TwinHeader,
+    ActuatorHeader, ClassHeader, DiagnoserHeader, DiagnoserSource, ExportHeader, FileHeader, JointHeader,
+    PolicyHeader, RunSource, Sources, TwinHeader,
 };
 pub use run::ExportedRun;
 use tensors::{Reader, Tensors};
@@ -121,6 +121,8 @@ impl Contents<'_> {
             control_period: body.task.dt(),
             obs_dim: policy.obs_dim(),
             action_dim: body.task.layout().nu,
+            observation: body.task.entries(),
+            joints: JointHeader::of(&body.task.layout().anatomy),
             classes: classes.clone(),
             controller: controller.map(|(_, config)| config.clone()),
             policy: networks::policy_header("policy", policy),

@@ -15,6 +15,7 @@ mod check;
 mod command;
 mod control;
 mod dropout;
+mod entries;
 mod events;
 mod faults;
 mod memory;
@@ -35,6 +36,7 @@ pub use action::{ActionKind, Actions, Scale};
 pub use anatomy::{ActuatorParts, Anatomy, Foot, FootHinge, FootLink, JointParts};
 pub use command::{Commands, Curriculum, Ramp, VelocityCommand};
 pub use dropout::ActionDropout;
+pub use entries::Entry;
 pub use events::{Delay, Events, Offset, Push, Scaling, Tilt, Variation};
 pub use faults::{EncoderFault, FaultCourse, ImuFault, ImuOffset, SensorFaultKind};
 pub use observation::{ObservationTerm, Quantity};
@@ -46,6 +48,7 @@ use action::ActuatorAction;
 use check::check;
 use command::COMMAND;
 use dropout::Dropouts;
+use entries::Parts;
 use events::{Drawn, steps};
 use faults::SensorFaults;
 use memory::{Clock, FootRow, Slots};
@@ -61,6 +64,8 @@ pub struct Task {
     /// Noise of the initial state.
     pub reset: ResetNoise,
     starts_at_keyframe: bool,
+    /// Names of the limbs.
+    limbs: Vec<String>,
     actions: Vec<ActuatorAction>,
     command: Option<VelocityCommand>,
     /// How the ranges of the commands grow, in training.
@@ -144,6 +149,7 @@ impl Task {
             frame_skip: robot.frame_skip,
             reset: robot.reset.noise(),
             starts_at_keyframe: robot.reset.keyframe.is_some(),
+            limbs: robot.limbs.iter().map(|limb| limb.name.clone()).collect(),
             actions,
             command,
             ramp,
@@ -183,6 +189,14 @@ impl Task {
     #[must_use]
     pub fn privileged(&self) -> usize {
         self.critic.as_ref().map_or(0, ObservationGroup::len)
+    }
+
+    /// What each entry of the policy's observation is, privileged entries and damage code not included.
+    #[must_use]
+    pub fn entries(&self) -> Vec<Entry> {
+        let events = self.event_names();
+        let parts = Parts { layout: &self.layout, limbs: &self.limbs, events: &events };
+        self.policy.blocks().flat_map(|(term, _)| term.entries(parts)).collect()
     }
 
     /// The controls of the actuators, as (name, offset, scale): ctrl = offset + scale · clip(action, ±1).
