@@ -129,7 +129,7 @@ def test_the_printed_table_contains_the_same_as_the_json(capfd: pytest.CaptureFi
         ("jam@0", "not a damage type of this robot"),
         ("jammed_joint@4", "limbs are 0 to 3"),
         ("33", "the classes are 0 to 32"),
-        ("jammed_joint@0+missing_toe@0", "twice"),
+        ("jammed_joint@0+missing_toe@0", "2 damages of limb 0; a limb has at most 1"),
         ("jammed_joint@0+jammed_joint@1+jammed_joint@2", "at most 2"),
     ],
 )

@@ -553,7 +553,10 @@ def nameless() -> object:
         (nameless, "Nameless must have a name of lower-case letters.*got None"),
         (lambda: rusty("Rusty Joint"), "got 'Rusty Joint'"),
         (lambda: rusty("a@b"), "got 'a@b'"),
-        (lambda: rusty("types"), "other than max_damaged_limbs, severity, types, got 'types'"),
+        (
+            lambda: rusty("types"),
+            "other than max_damaged_limbs, max_damages_per_limb, modules, severity, types, got 'types'",
+        ),
         (
             lambda: rusty("jammed_joint"),
             "'jammed_joint' belongs to dappo_batch.damage.jammed_joint.JammedJoint",

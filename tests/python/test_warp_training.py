@@ -204,6 +204,26 @@ def test_a_checkpoint_of_another_device_is_rejected(finished: Path, tmp_path: Pa
     assert run_cli(arguments) == 1
 
 
+def test_what_the_kernels_lack_is_refused_by_name(tmp_path: Path) -> None:
+    course = {"damage.duration": {"first": 2, "last": 3}}
+    with pytest.raises(
+        ConfigError, match=r"does not support damage that ends \(damage.duration\); use --device cpu"
+    ):
+        dappo_batch.train(tmp_path / "run", device="warp-cpu", num_envs=2, set={"horizon": 4, **course})
+    with pytest.raises(
+        ConfigError, match="the observation term `joint_pos`, the observation term `joint_vel`"
+    ):
+        dappo_batch.make_vec("go1", 2, device="warp-cpu", max_damaged_limbs=0)
+    robot = dappo_batch.load_robot("ant")
+    text = robot.toml_text.replace('term = "qvel"', 'term = "qvel", noise = 0.1')
+    (tmp_path / "ant.toml").write_text(text)
+    (tmp_path / "ant.xml").write_text(robot.mjcf_path.read_text())
+    with pytest.raises(
+        ConfigError, match="the observation term `qvel` with noise, clip, scale, delay or history; use"
+    ):
+        dappo_batch.make_vec(tmp_path / "ant.toml", 2, device="warp-cpu", max_damaged_limbs=0)
+
+
 @pytest.mark.slow
 def test_a_vector_env_that_was_not_closed_does_not_keep_a_program_from_ending() -> None:
     program = (

@@ -1,21 +1,21 @@
 //! `VectorEnv` in Python: N damage-randomised episodes on all cores.
 
+mod views;
+
 use dappo_sim::backend::{BackendKind, Device, Physics, Precision};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::threads::available;
 use dappo_sim::vector_env::{
     Autoreset, Buffers, DamageCourse, ResetOptions, StepRange, VectorEnv, VectorEnvConfig, VectorEnvSnapshot,
 };
-use numpy::ndarray::{ArrayView1, ArrayView2};
-use numpy::{
-    Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
-};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, OrRaise, raise};
 use crate::pool::Pool;
 use crate::warp::{self, Room};
+use views::{view1, view2};
 
 /// A vector env and the threads that step it.
 struct Running {
@@ -90,32 +90,6 @@ type Numbers<'py> = Bound<'py, PyArray1<f64>>;
 type Integers<'py> = Bound<'py, PyArray1<i64>>;
 type Rows<'py> = Bound<'py, PyArray2<f32>>;
 type States<'py> = Bound<'py, PyArray2<f64>>;
-
-/// A numpy view on one of the env's buffers; writable, because `DLPack` refuses to share read-only arrays.
-fn view1<'py, T: Element>(
-    this: &Bound<'py, PyVectorEnv>,
-    buffer: impl Fn(&Buffers) -> &[T],
-) -> PyResult<Bound<'py, PyArray1<T>>> {
-    let borrowed = this.borrow();
-    let array = ArrayView1::from(buffer(borrowed.env()?.buffers()));
-    // SAFETY: the buffer lives as long as `this` and is never reallocated (see `close`, which keeps it).
-    let view = unsafe { PyArray1::borrow_from_array(&array, this.clone().into_any()) };
-    Ok(view)
-}
-
-fn view2<'py, T: Element>(
-    this: &Bound<'py, PyVectorEnv>,
-    buffer: impl Fn(&Buffers) -> &[T],
-) -> PyResult<Bound<'py, PyArray2<T>>> {
-    let borrowed = this.borrow();
-    let env = borrowed.env()?;
-    let numbers = buffer(env.buffers());
-    let array = ArrayView2::from_shape((env.num_envs(), numbers.len() / env.num_envs()), numbers)
-        .map_err(|error| raise(Kind::Shape, error.to_string()))?;
-    // SAFETY: as in `view1`.
-    let view = unsafe { PyArray2::borrow_from_array(&array, this.clone().into_any()) };
-    Ok(view)
-}
 
 #[expect(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 #[pymethods]
@@ -255,6 +229,7 @@ impl PyVectorEnv {
 
     /// Starts new episodes in all envs or those of a mask.
     #[pyo3(signature = (*, seeds=None, mask=None, classes=None, onsets=None, durations=None, pauses=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn reset(
         &mut self,
         py: Python<'_>,

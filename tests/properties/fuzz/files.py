@@ -21,7 +21,19 @@ WORK = ("steps", "epochs", "episodes", "rollouts", "iterations", "patience", "ev
 
 
 # Changes of the MJCF that a robot TOML may contain.
+_FAULT = """
+[events.imu_fault]
+share = 0.5
+kinds = ["stuck", "biased", "lost"]
+offset = { base_ang_vel = [-0.1, 0.1] }
+onset = [0.0, 0.1]
+"""
 _CHANGES = """
+[events.action_dropout]
+share = 0.5
+every = [0.05, 0.2]
+duration = [0.02, 0.1]
+
 [simplify]
 floor_contacts = ["north_toe", "west_lower", "plate"]
 cone = "pyramidal"
@@ -69,7 +81,7 @@ def robot_file(rng: Random, room: Room) -> None:
     """Read a robot TOML that is not compiled."""
     (room.folder / "tripod.xml").touch()
     path = room.folder / "robot.toml"
-    toml = _text(room.base / "robot" / "tripod.toml") + rng.choice(("", _CHANGES))
+    toml = _text(room.base / "robot" / "tripod.toml") + rng.choice(("", _CHANGES, _FAULT))
     _write(rng, path, _mutated_toml(rng, toml))
     room.call(dappo_batch.load_robot, path)
 

@@ -325,7 +325,28 @@ fn impossible_settings_are_rejected() {
     let weights = VectorEnvConfig { classes: ClassDistribution::uniform(9), ..base() };
     assert_eq!(refused(weights), "class weights has 9 entries, expected 33");
     let onset = VectorEnvConfig { course: course(3, 2), ..base() };
-    assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order and below 2^63");
+    assert_eq!(refused(onset), "onset is (3, 2), expected (first, last) in order, at least 0 and below 2^63");
+    let steps = |first, last| Some(StepRange { first, last });
+    for (duration, pause, error) in [
+        (
+            steps(0, 2),
+            None,
+            "damage_duration is (0, 2), expected (first, last) in order, at least 1 and below 2^63",
+        ),
+        (
+            steps(1, 2),
+            steps(3, 2),
+            "damage_pause is (3, 2), expected (first, last) in order, at least 1 and below 2^63",
+        ),
+        (
+            None,
+            steps(1, 2),
+            "damage_pause is set, but damage_duration is not: damage that stays does not return",
+        ),
+    ] {
+        let course = DamageCourse { duration, pause, ..course(0, 0) };
+        assert_eq!(refused(VectorEnvConfig { course, ..base() }), error);
+    }
     let steps = VectorEnvConfig { max_episode_steps: 0, ..base() };
     assert_eq!(refused(steps), "max_episode_steps must be at least 1, got 0");
     let keys = VectorEnv::new(counter(3, 33), &space(), base()).err().unwrap();
