@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from dappo_batch.envs.arguments import Damage, Seed
 from dappo_batch.model import ClassTable, Physics
+from dappo_batch.model.variants import Severity
 from dappo_batch.robots import Robot
 
 __all__ = [
@@ -55,8 +56,11 @@ class EnvOptions(TypedDict, total=False):
         default, is the reset.
     max_episode_steps : int
         Steps after which an episode is truncated; by default the limit of the robot TOML.
-    severity : float
-        In (0, 1]; 1, the default, is the full damage.
+    severity : float or (float, float)
+        In (0, 1]; 1, the default, is the full damage. With a range ``(low, high)`` the severity of each
+        episode is drawn.
+    severity_levels : int
+        Number of severities that are compiled for a range, evenly spaced; 4 by default.
     max_damaged_limbs : int
         Maximum number of damaged limbs; by default that of the robot TOML.
     physics : {"rk4", "euler"}
@@ -78,7 +82,8 @@ class EnvOptions(TypedDict, total=False):
     seed: Seed
     onset: int | tuple[int, int]
     max_episode_steps: int | None
-    severity: float
+    severity: Severity
+    severity_levels: int
     max_damaged_limbs: int | None
     physics: Physics | None
     backend: Backend
@@ -124,6 +129,7 @@ _DEFAULTS: VectorEnvOptions = {
     "onset": (0, 0),
     "max_episode_steps": None,
     "severity": 1.0,
+    "severity_levels": 4,
     "max_damaged_limbs": None,
     "physics": None,
     "backend": "auto",

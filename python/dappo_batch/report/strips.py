@@ -129,6 +129,7 @@ def _class_table(run: Run) -> ClassTable:
         types=damage.get("types"),
         max_damaged_limbs=damage.get("max_damaged_limbs"),
         severity=damage.get("severity", 1.0),
+        severity_levels=damage.get("severity_levels", 4),
         physics=run.config["env"].get("physics"),
         damage_options=damage.get("options"),
     )

@@ -70,6 +70,10 @@ pub enum Purpose {
     ObservationNoise = 17,
     /// Noise of what the value net alone observes.
     PrivilegedNoise = 18,
+    /// The compiled variant of an episode.
+    Variant = 24,
+    /// What the compiled variants of a robot are.
+    VariantNumbers = 25,
 }
 
 /// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).

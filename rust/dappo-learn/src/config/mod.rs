@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
 use dappo_sim::vector_env::Onset;
-use dappo_sim::{BackendKind, Device, Precision};
+use dappo_sim::{BackendKind, Device, Precision, Severity};
 
 use crate::error::LearnError;
 use crate::faults::Faults;
@@ -130,13 +130,24 @@ pub struct DamageSection {
     /// Largest number of damaged limbs; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_damaged_limbs: Option<usize>,
-    /// 1 is the paper's damage, values towards 0 are milder.
-    pub severity: f64,
+    /// 1 is the paper's damage, values towards 0 are milder; with a range, episodes differ.
+    pub severity: Severity,
+    /// Number of severities that are compiled for a range.
+    #[serde(skip_serializing_if = "are_usual")]
+    pub severity_levels: usize,
     /// When the damage strikes; (0, 0) is from the start of the episode.
     pub onset: Onset,
     /// Parameters of the damage types, for example `options.jammed_joint.range_deg`.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub options: toml::Table,
+}
+
+/// Number of severities that are compiled for a range, unless set otherwise.
+const SEVERITY_LEVELS: usize = 4;
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn are_usual(levels: &usize) -> bool {
+    *levels == SEVERITY_LEVELS
 }
 
 impl Default for DamageSection {
@@ -145,7 +156,8 @@ impl Default for DamageSection {
             types: None,
             modules: Vec::new(),
             max_damaged_limbs: None,
-            severity: 1.0,
+            severity: Severity::Same(1.0),
+            severity_levels: SEVERITY_LEVELS,
             onset: Onset::default(),
             options: toml::Table::new(),
         }
@@ -270,7 +282,16 @@ impl Config {
                 self.horizon, self.env.num_envs
             ));
         }
-        faults.positive("damage.severity", self.damage.severity, 1.0);
+        match self.damage.severity {
+            Severity::Same(severity) => faults.positive("damage.severity", severity, 1.0),
+            drawn @ Severity::Drawn(_) => {
+                let expected = "a number, or a range [low, high] with 0 < low < high <= 1";
+                faults.rule("damage.severity", drawn.to_string(), expected, drawn.is_valid());
+            }
+        }
+        let levels = self.damage.severity_levels;
+        let expected = "a whole number from 2 to 1000";
+        faults.rule("damage.severity_levels", levels.to_string(), expected, (2..=1000).contains(&levels));
         let Onset { first, last } = self.damage.onset;
         let onset = format!("{first} to {last}");
         let expected = format!("a range in ascending order, within 0 to {MOST_STEPS}");

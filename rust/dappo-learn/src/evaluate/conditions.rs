@@ -17,6 +17,7 @@ impl Conditions {
             ("damage.types", space.types().join(", ")),
             ("damage.max_damaged_limbs", space.max_damaged_limbs().to_string()),
             ("damage.severity", damage.severity.to_string()),
+            ("damage.severity_levels", damage.severity_levels.to_string()),
             ("damage.onset", format!("{} to {}", damage.onset.first, damage.onset.last)),
             ("damage.options", damage.options.to_string().trim().to_owned()),
             ("env.physics", factory.integrator().to_owned()),
