@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib.util
 import math
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,9 @@ limbs = [
   { name = "left", body = "left_thigh", joints = ["left_hip", "left_knee"], foot = "left_foot" },
   { name = "right", body = "right_thigh", joints = ["right_hip", "right_knee"], foot = "right_foot" },
 ]
-damage = { types = ["jammed_joint", "weak_motor"], max_damaged_limbs = 2 }
+damage.types = ["jammed_joint", "weak_motor"]
+damage.max_damaged_limbs = 2
+damage.jammed_joint = { joint = 1, range_deg = 0.5, at = "middle" }
 actions = { type = "control", scale = 3.0 }
 reset = { qpos_noise = 0.05, qvel_noise = 0.3 }
 observation.policy.terms = [
@@ -60,7 +63,8 @@ def mjcf(
 ) -> str:
     """Return the robot with the numbers of a variant in the places where MuJoCo reads them."""
     offset = np.add(com or (0, 0, 0), (0.01, 0.002, -0.005))
-    # The shank is a box of 0.3 kg and 3 x 2 x 18 cm, stretched along its last side.
+    # The shank is a box of 0.3 kg and 3 x 2 x 18 cm, stretched along its last side. Its largest moment of
+    # inertia, the first one in MuJoCo, is that about y.
     mass, sides = 0.3 * shank, np.array([0.03, 0.02, 0.18 * shank])
     box = mass / 12 * ((sides**2).sum() - sides**2)
     limbs = "".join(
@@ -71,7 +75,7 @@ def mjcf(
             contype="0" conaffinity="0"/>
           <body name="{side}_shank" pos="0 0 {-0.2 * thigh}">
             <inertial mass="{mass}" pos="0.004 0 {-0.09 * shank}"
-              diaginertia="{box[0]} {box[1]} {box[2]}"/>
+              quat="0 1 1 0" diaginertia="{box[1]} {box[0]} {box[2]}"/>
             <joint name="{side}_knee" axis="0 1 0" range="-1.5 -0.2" ref="-0.5"/>
             <geom type="box" pos="0 0 {-0.08 * shank}" size="0.01 0.012 {0.07 * shank}" contype="0"
               conaffinity="0"/>
@@ -111,8 +115,7 @@ def mjcf(
 def robot(folder: Path, events: str = "", text: str | None = None) -> Path:
     """Write the robot, and return the path of its TOML."""
     folder.mkdir(exist_ok=True)
-    jam = "[damage.jammed_joint]\njoint = 1\nrange_deg = 0.5\nat = 'middle'\n"
-    (folder / "strider.toml").write_text(ROBOT + jam + events)
+    (folder / "strider.toml").write_text(ROBOT + events)
     (folder / "strider.xml").write_text(mjcf() if text is None else text)
     return folder / "strider.toml"
 
@@ -273,7 +276,7 @@ def test_bodies_and_severities_share_the_variants(tmp_path: Path) -> None:
 def current(folder: Path, events: str = "") -> Path:
     """Write the robot with a joint that jams where it is."""
     path = robot(folder, events)
-    path.write_text(path.read_text().replace("at = 'middle'", "at = 'current'"))
+    path.write_text(path.read_text().replace('"middle"', '"current"'))
     return path
 
 
@@ -386,7 +389,7 @@ def test_middle_is_the_middle_of_a_range_that_does_not_contain_zero() -> None:
         ("mass = []", "expected a table [mass], or a list of them"),
         ("center_of_mass = { bodies = 'trunk' }", "the entry `offset` is missing"),
         ("variants = 3", "`variants` needs link_length, mass or center_of_mass"),
-        ("mass = { bodies = 'trunk', scale = [1, 2] }\nvariants = 0", "`variants` is 0"),
+        ("mass = { bodies = 'trunk', scale = [1, 2] }\nvariants = 1001", "`variants` is 1001"),
     ],
 )
 def test_wrong_entries_are_refused(tmp_path: Path, events: str, message: str) -> None:
@@ -395,9 +398,11 @@ def test_wrong_entries_are_refused(tmp_path: Path, events: str, message: str) ->
     assert message in str(caught.value)
 
 
-def test_more_models_than_memory_holds_are_refused_before_they_are_compiled(tmp_path: Path) -> None:
-    path = robot(tmp_path, "[events]\nmass = { bodies = 'trunk', scale = [1, 2] }\nvariants = 10000\n")
-    with pytest.raises(ConfigError, match=r"10000 variants of \d+ damage classes of \d+ bytes each need"):
+def test_more_models_than_memory_holds_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = robot(tmp_path, EVENTS)
+    size = db.compile_class_table(path, max_damaged_limbs=0).models[0].nbuffer
+    monkeypatch.setattr("dappo_batch.model.class_table._MOST_MEMORY", 4 * 9 * size - 1)
+    with pytest.raises(ConfigError, match=f"4 variants of 9 damage classes of {size} bytes each need"):
         db.compile_class_table(path)
 
 
@@ -422,3 +427,171 @@ def test_check_prints_the_variants(tmp_path: Path, capsys: pytest.CaptureFixture
     printed = capsys.readouterr().out
     assert f"4 compiled variants of each damage class: {len(table.all_models)} models" in printed
     assert f"{table.variants.numbers[2][0]:.6g}" in printed
+
+
+POST = """
+name = "post"
+mjcf = "post.xml"
+main_body = "trunk"
+frame_skip = 4
+max_episode_steps = 1000
+limbs = [{ name = "leg", body = "link", joints = ["hip", "knee"] }]
+damage = { types = [], max_damaged_limbs = 0 }
+actions = { type = "control", scale = 1.0 }
+reset = { qpos_noise = 0.0, qvel_noise = 0.0 }
+observation.policy.terms = [{ term = "qpos" }]
+rewards.survive.weight = 1.0
+terminations.height = [-inf, inf]
+"""
+
+
+def post_mjcf(factor: float = 1.0) -> str:
+    """Return a robot whose link has geoms of all shapes, stretched about its joint 10 cm above its origin."""
+
+    def z(value: float) -> float:
+        return 0.1 + factor * (value - 0.1)
+
+    middle, half = np.array([0.01, 0, z(-0.05)]), factor * np.array([0.01, 0, -0.05])
+    slanted = " ".join(map(repr, map(float, [*(middle - half), *(middle + half)])))
+    round_end = 4 / 3 * 0.02
+    capsule = 0.2 * (0.2 * factor + round_end) / (0.2 + round_end)
+    return f"""
+<mujoco>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 1" contype="1"/>
+    <body name="trunk" pos="0 0 1">
+      <freejoint/>
+      <geom size="0.1" mass="1"/>
+      <body name="link">
+        <joint name="hip" pos="0 0 0.1" axis="0 1 0"/>
+        <geom type="capsule" size="0.02 {0.1 * factor}" pos="0.05 0 {z(-0.1)}" mass="{capsule}"/>
+        <geom type="cylinder" size="0.03 0.05" pos="0 0 {z(-0.12)}" euler="0 90 0" mass="0.1"/>
+        <geom type="box" size="0.01 0.02 {0.06 * factor}" pos="0 0 {z(-0.2)}" euler="0 30 0"
+          mass="{0.3 * factor}"/>
+        <geom type="ellipsoid" size="0.01 {0.03 * factor} 0.02" pos="0 0.02 {z(0)}" euler="90 0 0"/>
+        <geom type="cylinder" size="0.01" fromto="{slanted}"/>
+        <geom type="sphere" size="0.02" pos="0 0 {z(-0.25)}"/>
+        <site name="mark" pos="0.01 0 {z(-0.25)}"/>
+        <body name="end" pos="0 0 {z(-0.3)}">
+          <joint name="knee" pos="0 0 0.02" axis="0 1 0"/>
+          <geom type="sphere" size="0.03" conaffinity="1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="hip"/></actuator>
+</mujoco>
+"""
+
+
+def post(folder: Path, events: str, text: str) -> ClassTable:
+    """Compile the post with events."""
+    (folder / "post.toml").write_text(POST + events)
+    (folder / "post.xml").write_text(text)
+    return db.compile_class_table(folder / "post.toml")
+
+
+def test_geoms_of_all_shapes_are_stretched_about_the_joint(tmp_path: Path) -> None:
+    events = "[events]\nvariants = 2\nlink_length = { bodies = 'link', scale = [0.6, 1.7] }\n"
+    table = post(tmp_path, events, post_mjcf())
+    for (factor,), model in zip(table.variants.numbers, table.all_models, strict=True):
+        expected = arrays(post(tmp_path, "", post_mjcf(factor)).models[0])
+        for name, got in arrays(model).items():
+            np.testing.assert_allclose(got, expected[name], rtol=1e-10, atol=1e-13, err_msg=name)
+
+
+def test_the_centre_of_mass_of_geoms_moves_and_their_inertia_remains(tmp_path: Path) -> None:
+    events = "[events]\nvariants = 2\ncenter_of_mass = { bodies = 'link', offset = [-0.05, 0.05] }\n"
+    healthy = post(tmp_path, "", post_mjcf()).models[0]
+    table = post(tmp_path, events, post_mjcf())
+    link = healthy.body("link").id
+    for offset, model in zip(table.variants.numbers, table.all_models, strict=True):
+        np.testing.assert_allclose(model.body_ipos[link], healthy.body_ipos[link] + offset, atol=1e-14)
+        np.testing.assert_allclose(inertia(model, link), inertia(healthy, link), rtol=1e-10, atol=1e-16)
+        np.testing.assert_allclose(model.body_mass, healthy.body_mass, rtol=1e-14)
+
+
+def inertia(model: mujoco.MjModel, body: int) -> Array:
+    """Return the inertia tensor of a body in its own axes."""
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[body])
+    turn = axes.reshape(3, 3)
+    tensor: Array = turn @ np.diag(model.body_inertia[body]) @ turn.T
+    return tensor
+
+
+LENGTH = "link_length = { bodies = 'link', scale = [1, 2] }"
+
+
+@pytest.mark.parametrize(
+    ("events", "old", "new", "message"),
+    [
+        (LENGTH, "<mujoco>", '<mujoco><compiler settotalmass="5"/>', "sets the total mass (settotalmass)"),
+        (
+            LENGTH,
+            "<actuator>",
+            '<equality><connect body1="link" body2="end" anchor="0 0 0"/></equality><actuator>',
+            "an equality constraint is attached to body link",
+        ),
+        (LENGTH, 'name="knee" pos="0 0 0.02"', 'name="knee" pos="0 0 0.4"', "body link has no length"),
+        (
+            "center_of_mass = { bodies = 'empty', offset = [0, 1] }",
+            '<site name="mark"',
+            '<body name="empty"/><site name="mark"',
+            "body empty has no mass",
+        ),
+    ],
+)
+def test_bodies_that_cannot_change_are_refused(
+    tmp_path: Path, events: str, old: str, new: str, message: str
+) -> None:
+    text = post_mjcf()
+    assert old in text
+    with pytest.raises(ConfigError) as caught:
+        post(tmp_path, f"[events]\n{events}\n", text.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("warp") is None, reason="needs the extra gpu")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"severity": (0.5, 1.0)}, "a range of damage.severity"),
+        ({"damage_options": {"jammed_joint": {"at": "current"}}}, 'follows from the onset (at = "current")'),
+    ],
+)
+def test_the_kernels_refuse_variants(options: dict[str, Any], message: str) -> None:
+    table = db.compile_class_table("ant", types=["jammed_joint"], max_damaged_limbs=1, **options)
+    with pytest.raises(ConfigError) as caught:
+        db.make_vec(table, 2, device="warp-cpu")
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_training_with_variants_resumes_exactly(tmp_path: Path, backend: str) -> None:
+    path = current(tmp_path / "robot", EVENTS)
+    settings: dict[str, Any] = {
+        "robot": str(path),
+        "num_envs": 8,
+        "seed": 3,
+        "threads": 1,
+        "set": {
+            **{"horizon": 16, "ppo.hidden": [8], "checkpoint.every": 1, "evaluation.episodes": 1},
+            **{"env.max_episode_steps": 12, "env.backend": backend, "env.precision": "f64"},
+            "damage": {
+                **{"severity": [0.5, 1.0], "severity_levels": 2, "max_damaged_limbs": 1},
+                "onset": {"first": 0, "last": 8},
+            },
+        },
+    }
+    whole = db.train(tmp_path / "whole", total_steps=4 * 128, **settings)
+    part = db.train(tmp_path / "part", total_steps=2 * 128, **settings)
+    # The robot is that of the run folder from here on.
+    path.unlink()
+    resumed = db.resume(part.path, total_steps=4 * 128)
+    times = {"unix_seconds", "rollout_seconds", "update_seconds"}
+    for column, values in whole.metrics.items():
+        if column not in times:
+            np.testing.assert_array_equal(resumed.metrics[column], values, err_msg=column)
+    assert whole.metrics["env_steps"][-1] == 512

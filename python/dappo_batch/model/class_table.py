@@ -204,7 +204,7 @@ def compile_class_table(
 
         def compiled(spec: mujoco.MjSpec, item: DamageClass, severity: float) -> mujoco.MjModel:
             model = _compile_class(spec, robot, item, kinds, severity)
-            _check_sizes(item, sizes, _sizes(model))
+            _check_sizes(item, sizes, model)
             return model
 
         models, variants = compile_variants(robot, space.classes, kinds, plan, specs, healthy, compiled)
@@ -346,10 +346,9 @@ def _sizes(model: mujoco.MjModel) -> dict[str, int]:
     return {name: value for name, value in values if isinstance(value, int)}
 
 
-def _check_sizes(damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]) -> None:
-    different = [
-        f"{name} is {got[name]} instead of {size}" for name, size in expected.items() if got[name] != size
-    ]
+def _check_sizes(damage_class: DamageClass, expected: Mapping[str, int], model: mujoco.MjModel) -> None:
+    got = ((name, getattr(model, name), size) for name, size in expected.items())
+    different = [f"{name} is {found} instead of {size}" for name, found, size in got if found != size]
     if different:
         raise ClassTableError(
             f"damage class {damage_class.name} has other sizes than the healthy robot:"

@@ -13,7 +13,7 @@ const LONGEST: f64 = 1e6;
 const MOST_STEPS: i64 = 1000;
 
 /// Most compiled variants of a robot.
-const MOST_VARIANTS: i64 = 10_000;
+const MOST_VARIANTS: i64 = 1000;
 /// Events that change bodies, with the entry for their range, and its bounds: factors, and m.
 const BODIES: [(&str, &str, RangeInclusive<f64>); 3] = [
     ("link_length", "scale", 0.1..=10.0),
