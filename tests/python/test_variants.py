@@ -203,7 +203,7 @@ def test_envs_move_as_the_models_of_their_variants_before_and_after_the_onset(
             mujoco.mj_step(pair[step >= onset], world, nstep=4)
             state = np.concatenate([values[index] for values in env.get_state()])
             expected = np.concatenate([world.qpos, world.qvel])
-            np.testing.assert_allclose(state, expected, rtol=1e-9, atol=1e-9, err_msg=f"{index}, {step}")
+            np.testing.assert_allclose(state, expected, rtol=1e-10, atol=1e-10, err_msg=f"{index}, {step}")
             feet = [table.models[0].geom(f"{side}_foot").id for side in ("left", "right")]
             mujoco.mj_kinematics(pair[0], world)
             np.testing.assert_allclose(obs[index, 21:23], world.geom_xpos[feet, 2], rtol=1e-5, atol=1e-6)
@@ -225,7 +225,7 @@ def test_the_backends_agree_and_observations_show_what_infos_hold(table: ClassTa
         action = rng.uniform(-1, 1, (32, 4)).astype(np.float32)
         (obs, _, _, _, infos), other = (env.step(action) for env in envs)
         for one, two in zip(*(env.get_state() for env in envs), strict=True):
-            np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-10)
         np.testing.assert_array_equal(infos["events"], other[4]["events"])
         np.testing.assert_array_equal(obs[:, 23 : 23 + width], infos["events"].astype(np.float32))
         seen |= {tuple(row) for row in infos["events"][:, 9:]}
@@ -323,7 +323,7 @@ def test_a_joint_jams_where_it_is_at_the_onset(
             mujoco.mj_step(model, data, nstep=4)
             for got, expected in zip(env.get_state(), (data.qpos, data.qvel), strict=True):
                 # The warm start of the solver differs at the onset.
-                np.testing.assert_allclose(got[index], expected, rtol=1e-6, atol=1e-6, err_msg=str(step))
+                np.testing.assert_allclose(got[index], expected, rtol=1e-9, atol=1e-9, err_msg=str(step))
     # A restored robot has jammed where it had.
     assert saved is not None
     last = [env.step(act())[0] for _ in range(3)][-1]
@@ -349,7 +349,7 @@ def test_backends_agree_about_jammed_joints_and_autoreset(tmp_path: Path) -> Non
         for env in envs:
             env.step(action)
         for one, two in zip(*(env.get_state() for env in envs), strict=True):
-            np.testing.assert_allclose(one, two, rtol=1e-8, atol=1e-8)
+            np.testing.assert_allclose(one, two, rtol=1e-10, atol=1e-10)
     for env in envs:
         env.close()
 

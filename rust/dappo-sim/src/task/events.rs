@@ -124,8 +124,6 @@ impl Variation {
 pub(super) struct Drawn {
     /// Whether the physics varies; its numbers are the first ones then.
     varies: bool,
-    /// Whether the direction of gravity does.
-    tilts: bool,
     /// Number of encoders whose errors follow.
     encoders: usize,
     /// Whether the delay of actions follows.
@@ -156,7 +154,6 @@ impl Events {
     pub(super) fn layout(&self, joints: usize, variants: &Variants, slots: &mut Slots) -> Drawn {
         let drawn = Drawn {
             varies: self.varies(),
-            tilts: self.gravity.is_some(),
             encoders: if self.encoder_bias.is_some() { joints } else { 0 },
             delays: self.action_delay.is_some(),
             compiled: variants.names.len(),
@@ -172,6 +169,16 @@ impl Events {
         let scaled =
             [self.friction, self.motor_strength, self.kp, self.kd, self.joint_damping, self.joint_armature];
         self.gravity.is_some() || scaled.iter().any(Option::is_some)
+    }
+
+    /// How the physics of an env differs; `None` if that of no env does.
+    pub(super) fn variation(&self, drawn: &Drawn, numbers: &[f64]) -> Option<Variation> {
+        drawn.varies.then(|| {
+            let [friction, motor_strength, kp, kd, joint_damping, joint_armature] =
+                std::array::from_fn(|index| numbers[index]);
+            let gravity = self.gravity.map(|_| [numbers[6], numbers[7], numbers[8]]);
+            Variation { friction, motor_strength, kp, kd, joint_damping, joint_armature, gravity }
+        })
     }
 
     /// Most steps until an action arrives.
@@ -246,16 +253,6 @@ impl Drawn {
 
     fn start_of_push(&self) -> usize {
         self.start_of_compiled() + self.compiled
-    }
-
-    /// How the physics of an env differs; `None` if that of no env does.
-    pub fn variation(&self, numbers: &[f64]) -> Option<Variation> {
-        self.varies.then(|| {
-            let [friction, motor_strength, kp, kd, joint_damping, joint_armature] =
-                std::array::from_fn(|index| numbers[index]);
-            let gravity = self.tilts.then(|| [numbers[6], numbers[7], numbers[8]]);
-            Variation { friction, motor_strength, kp, kd, joint_damping, joint_armature, gravity }
-        })
     }
 
     /// Errors of the encoders, rad, one an actuated joint; empty without such errors.

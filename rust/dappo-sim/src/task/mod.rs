@@ -337,7 +337,7 @@ impl Task {
     /// How the physics of an env differs from that of its compiled model; `None` if that of no env does.
     #[must_use]
     pub fn variation(&self, row: &[f64]) -> Option<Variation> {
-        let drawn = self.drawn.variation(&row[self.slots.events.clone()]);
+        let drawn = self.events.variation(&self.drawn, &row[self.slots.events.clone()]);
         drawn.or_else(|| self.jams().then_some(Variation::NONE))
     }
 
