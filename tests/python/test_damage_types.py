@@ -220,7 +220,7 @@ def test_only_a_missing_toe_disables_the_touch_sensor() -> None:
         ("jammed_joint", {"joint": 0.5}, "joint must be of type int"),
         ("jammed_joint", {"joint": True}, "joint must be of type int"),
         ("jammed_joint", {"joint": "(calf"}, "not a regular expression"),
-        ("jammed_joint", {"at": "home"}, '"zero", "default" or an angle in degrees, got \'home\''),
+        ("jammed_joint", {"at": "home"}, '"middle", "current" or an angle in degrees, got \'home\''),
         ("jammed_joint", {"at": math.inf}, "an angle in degrees, got inf"),
         ("jammed_joint", {"at": [1.0]}, "at must be of type str | float"),
         ("jammed_joint", {"joint": -1}, "counts from 0"),

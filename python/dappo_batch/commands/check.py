@@ -128,6 +128,10 @@ def _report(table: ClassTable, refusals: Sequence[str]) -> RobotReport:
         floor_contacts=tuple(_geom_name(model, geom) for geom in contacts),
         self_collision=self_collision,
         damage_classes=tuple(item.name for item in table.space.classes),
+        variant_names=table.variants.names,
+        variants=table.variants.numbers,
+        models=len(table.all_models),
+        model_bytes=table.nbytes,
         edits=table.edits,
         backend="mujoco" if reasons else "lanes",
         reasons=reasons,
@@ -233,6 +237,16 @@ def _text(report: RobotReport) -> str:
         f"floor contacts: {_counted(report.floor_contacts) or 'none'}",
         f"self-collision: {'yes' if report.self_collision else 'no'}",
     ]
+    if report.variants:
+        lines += [
+            "",
+            f"{len(report.variants)} compiled variants of each damage class: {report.models} models,"
+            f" {report.model_bytes / 1e6:.0f} MB",
+            *_table(
+                ("variant", *report.variant_names),
+                ((str(index), *numbers) for index, numbers in enumerate(report.variants)),
+            ),
+        ]
     if report.edits:
         lines += ["", "changes of the MJCF", *(f"  {edit}" for edit in report.edits)]
     lines += ["", f"backend auto on the CPU: {report.backend}"]

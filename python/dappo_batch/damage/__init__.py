@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from dappo_batch._checks import shown
 from dappo_batch._core import ConfigError
-from dappo_batch.damage.base import DamageType
+from dappo_batch.damage.base import DamageType, MovingLimits
 from dappo_batch.damage.dead_motor import DeadMotor
 from dappo_batch.damage.jammed_joint import JammedJoint
 from dappo_batch.damage.missing_limb import MissingLimb
@@ -25,6 +25,7 @@ __all__ = [
     "JammedJoint",
     "MissingLimb",
     "MissingShank",
+    "MovingLimits",
     "WeakMotor",
     "default_options",
     "make_damage_type",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
@@ -10,7 +11,29 @@ if TYPE_CHECKING:
 
     from dappo_batch.robots import Limb
 
-__all__ = ["DamageType"]
+__all__ = ["DamageType", "MovingLimits"]
+
+
+@dataclass(frozen=True)
+class MovingLimits:
+    """Limits of a hinge that move with its position at the onset of the damage.
+
+    Attributes
+    ----------
+    joint : str
+        Name of the joint.
+    compiled_at : float
+        The position for which `DamageType.apply` has written the limits, rad.
+    range : tuple of float
+        Lowest and highest position that counts, rad: the position at the onset is clipped to it.
+    share : float
+        By how much both limits move, as a share of the distance of the position from `compiled_at`.
+    """
+
+    joint: str
+    compiled_at: float
+    range: tuple[float, float]
+    share: float
 
 
 class DamageType(ABC):
@@ -50,3 +73,17 @@ class DamageType(ABC):
         ConfigError
             If the limb cannot be damaged in this way.
         """
+
+    def moving_limits(self, spec: mujoco.MjSpec, limb: Limb, severity: float) -> MovingLimits | None:
+        """Return which limits of a joint follow its position at the onset; None, the default, for none.
+
+        Parameters
+        ----------
+        spec : mujoco.MjSpec
+            The robot before the damage.
+        limb : Limb
+            The damaged limb.
+        severity : float
+            In (0, 1].
+        """
+        return None

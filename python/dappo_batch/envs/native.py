@@ -21,6 +21,7 @@ from dappo_batch.envs.simulation import (
     step_seconds,
 )
 from dappo_batch.model import ClassTable
+from dappo_batch.model.variants import SEVERITY
 from dappo_batch.render.live import LivePainter
 
 __all__ = ["NativeEnv", "SavedState"]
@@ -48,12 +49,18 @@ class NativeEnv(NotPicklable):
     closed: bool = False
     _core: _core.VectorEnv
     _painter: LivePainter | None = None
+    _severity_column: int | None
+    _same_severity: NDArray[np.float64]
 
     def _start(self, robot: RobotLike, num_envs: int, options: VectorEnvOptions) -> None:
         """Check the arguments, compile the robot and start the simulation."""
         self.render_mode = checked_render_mode(options["render_mode"])
         self.table = class_table(robot, options)
         self._core = native_env(self.table, num_envs, options)
+        names = self._core.event_names
+        self._severity_column = names.index(SEVERITY) if SEVERITY in names else None
+        self._same_severity = np.full(num_envs, self.table.severity if self._severity_column is None else 0.0)
+        self._same_severity.flags.writeable = False
         self.metadata = {
             "render_modes": [RGB_ARRAY],
             "render_fps": max(1, round(1.0 / step_seconds(self.table))),
@@ -98,6 +105,12 @@ class NativeEnv(NotPicklable):
         """Return what a task with commands or events adds to the infos."""
         values = {"command": self._core.command, "events": self._core.events}
         return {key: value for key, value in values.items() if value.size}
+
+    def _severity(self) -> NDArray[np.float64]:
+        """Return the severity of the damage in the episode of each env, [N]."""
+        if self._severity_column is None:
+            return self._same_severity
+        return self._core.events[:, self._severity_column].copy()
 
     def save_state(self) -> SavedState:
         """Return the complete state of the envs, for `restore_state`.

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from dappo_batch.envs.arguments import Damage, Seed
 from dappo_batch.model import ClassTable, Physics
+from dappo_batch.model.variants import Severity
 from dappo_batch.robots import Robot
 
 __all__ = [
@@ -61,8 +62,11 @@ class EnvOptions(TypedDict, total=False):
         again, or the inclusive range they are drawn from in every episode; by default it does not return.
     max_episode_steps : int
         Steps after which an episode is truncated; by default the limit of the robot TOML.
-    severity : float
-        In (0, 1]; 1, the default, is the full damage.
+    severity : float or (float, float)
+        In (0, 1]; 1, the default, is the full damage. With a range ``(low, high)`` the severity of each
+        episode is drawn.
+    severity_levels : int
+        Number of severities that are compiled for a range, evenly spaced; 4 by default.
     max_damaged_limbs : int
         Maximum number of damaged limbs; by default that of the robot TOML.
     max_damages_per_limb : int
@@ -88,7 +92,8 @@ class EnvOptions(TypedDict, total=False):
     damage_duration: int | tuple[int, int] | None
     damage_pause: int | tuple[int, int] | None
     max_episode_steps: int | None
-    severity: float
+    severity: Severity
+    severity_levels: int
     max_damaged_limbs: int | None
     max_damages_per_limb: int | None
     physics: Physics | None
@@ -137,6 +142,7 @@ _DEFAULTS: VectorEnvOptions = {
     "damage_pause": None,
     "max_episode_steps": None,
     "severity": 1.0,
+    "severity_levels": 4,
     "max_damaged_limbs": None,
     "max_damages_per_limb": None,
     "physics": None,

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from dappo_batch import _core
-from dappo_batch._checks import boolean, choice, integer, real, shown, text
+from dappo_batch._checks import boolean, choice, integer, shown, text
 from dappo_batch.envs.arguments import (
     MOST_STEPS,
     MOST_THREADS,
@@ -22,6 +22,7 @@ from dappo_batch.envs.arguments import (
 )
 from dappo_batch.envs.options import Backend, Device, Precision, RobotLike, VectorEnvOptions
 from dappo_batch.model import ClassTable, compile_class_table
+from dappo_batch.model.variants import severity_levels
 from dappo_batch.render.live import LivePainter
 from dappo_batch.robots import Robot
 
@@ -72,7 +73,7 @@ def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
         raise _core.ConfigError(
             f"robot must be a name, the path of a robot TOML, a Robot or a ClassTable, got {shown(robot)}"
         )
-    severity = real(options["severity"], "severity")
+    severity, levels = options["severity"], options["severity_levels"]
     limit, per_limb = options["max_damaged_limbs"], options["max_damages_per_limb"]
     physics = options["physics"]
     if not isinstance(robot, ClassTable):
@@ -81,10 +82,12 @@ def class_table(robot: RobotLike, options: VectorEnvOptions) -> ClassTable:
             max_damaged_limbs=limit,
             max_damages_per_limb=per_limb,
             severity=severity,
+            severity_levels=levels,
             physics=physics,
         )
+    chosen, _ = severity_levels(severity, levels)
     given = [option for option in (limit, per_limb, physics) if option is not None]
-    if given or severity not in (1.0, robot.severity):
+    if given or chosen not in (1.0, robot.severity):
         raise _core.ConfigError(
             "a compiled class table fixes max_damaged_limbs, max_damages_per_limb, severity and physics; "
             "pass them to compile_class_table"

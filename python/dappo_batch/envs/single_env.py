@@ -236,7 +236,7 @@ class DamageEnv(NativeEnv, gymnasium.Env[NDArray[np.float32], NDArray[np.float32
         return {
             "damage_class": int(self._core.damage_class[0]),
             "damage_onset": int(self._core.damage_onset[0]),
-            "severity": self.table.severity,
+            "severity": float(self._severity()[0]),
             "forward_velocity": float(self._core.forward_velocity[0]),
             **{key: value[0].copy() for key, value in self._of_task().items()},
         }

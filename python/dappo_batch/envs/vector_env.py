@@ -92,8 +92,6 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         self._action_shape = (self.num_envs, self._core.action_dim)
         self._all_envs = np.ones(self.num_envs, dtype=np.bool_)
         self._all_envs.flags.writeable = False  # returned as an info mask when copy=False
-        self._severity = np.full(self.num_envs, self.table.severity)
-        self._severity.flags.writeable = False
 
     @property
     def num_threads(self) -> int:
@@ -248,13 +246,13 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
                 f"{waiting.size} envs have ended, the first is env {waiting[0]}: with autoreset='disabled' "
                 "reset them with options={'reset_mask': ...} before the next step"
             )
-        core = self._core
+        core, severity = self._core, self._severity()
         core.step(batch)
         infos = self._infos(self._all_envs)
         if self.autoreset_mode == AutoresetMode.DISABLED:
             np.logical_or(core.terminated, core.truncated, out=self._ended)
         elif self.autoreset_mode == AutoresetMode.SAME_STEP:
-            infos |= self._final_infos()
+            infos |= self._final_infos(severity)
         return (
             self._give(core.obs),
             self._give(core.rewards),
@@ -369,7 +367,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         values = {
             "damage_class": self._core.damage_class,
             "damage_onset": self._core.damage_onset,
-            "severity": self._severity,
+            "severity": self._severity(),
             "forward_velocity": self._core.forward_velocity,
             **self._of_task(),
         }
@@ -384,8 +382,11 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
             infos[f"_{key}"] = self._give(mask)
         return infos
 
-    def _final_infos(self) -> Infos:
-        """Return ``final_obs`` and ``final_info`` of the episodes that ended in this step, if any did."""
+    def _final_infos(self, severity: NDArray[np.float64]) -> Infos:
+        """Return ``final_obs`` and ``final_info`` of the episodes that ended in this step, if any did.
+
+        `severity` is that of the episodes before the step, [N].
+        """
         core = self._core
         mask = core.final_mask.copy()
         if not mask.any():
@@ -397,7 +398,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
         values = {
             "damage_class": core.final_damage_class,
             "damage_onset": core.final_damage_onset,
-            "severity": self._severity,
+            "severity": severity,
             "forward_velocity": core.final_forward_velocity,
         }
         return {

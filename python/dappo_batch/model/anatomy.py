@@ -71,7 +71,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """What terms refer to; `feet` has an entry for each damage class, which may move or shorten a limb."""
+    """What terms refer to; `feet` has an entry for each compiled model, in which limbs may be shorter."""
 
     start: list[float]
     start_ctrl: list[float]
@@ -91,7 +91,7 @@ def find_anatomy(table: ClassTable) -> Anatomy:
         start_ctrl=_default_ctrl(table.robot, model, start, actuators),
         actuators=actuators,
         bodies=[model.body(index).name for index in range(model.nbody)],
-        feet=[[_foot(model, name) for name in names] for model in table.models] if names else [],
+        feet=[[_foot(model, name) for name in names] for model in table.all_models] if names else [],
     )
 
 
@@ -183,7 +183,7 @@ def _find_foot(model: mujoco.MjModel, name: str) -> tuple[int, list[float]] | No
 def _foot(model: mujoco.MjModel, name: str) -> Foot:
     found = _find_foot(model, name)
     if found is None:  # `foot_faults` has looked for it in the healthy robot
-        raise ConfigError(f"foot: a damage class has neither a geom nor a site {name!r}")
+        raise ConfigError(f"foot: a compiled model has neither a geom nor a site {name!r}")
     body, offset = found
     root, links, outer = int(model.jnt_bodyid[0]), [], body
     while outer != root:

@@ -11,6 +11,8 @@ from functools import lru_cache
 
 import mujoco
 
+from dappo_batch.model.probe import probe_body, stepped
+
 __all__ = ["clamped_without_derivative"]
 
 _TIMESTEP = 0.1  # s
@@ -34,12 +36,7 @@ def clamped_without_derivative() -> bool:
 
 def _loss_of_speed() -> float:
     """Return by how much a clamped actuator slows a hinge in one step of MuJoCo, rad/s."""
-    spec = mujoco.MjSpec()
-    spec.compiler.usethread = False
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.timestep = _TIMESTEP
-    spec.option.gravity = [0, 0, 0]
-    body = spec.worldbody.add_body(mass=1, inertia=[_INERTIA] * 3, explicitinertial=True)
+    spec, body = probe_body(mujoco.mjtIntegrator.mjINT_IMPLICITFAST, _TIMESTEP, [_INERTIA] * 3)
     body.add_joint(
         name="hinge",
         type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -51,8 +48,4 @@ def _loss_of_speed() -> float:
         trntype=mujoco.mjtTrn.mjTRN_JOINT, target="hinge", biastype=mujoco.mjtBias.mjBIAS_AFFINE
     )
     actuator.biasprm[2] = -_DAMPING
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    data.qvel[0] = _SPEED
-    mujoco.mj_step(model, data)
-    return _SPEED - float(data.qvel[0])
+    return _SPEED - float(stepped(spec, [_SPEED]).qvel[0])

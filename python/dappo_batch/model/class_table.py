@@ -9,14 +9,24 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import mujoco
 
-from dappo_batch._checks import folder, integer, mapping, real, sequence, shown, text
-from dappo_batch._core import ConfigError, DamageSpace, DappoError
+from dappo_batch._checks import folder, integer, mapping, sequence, shown, text
+from dappo_batch._core import ConfigError, DamageSpace
 from dappo_batch.damage import DamageType, make_damage_type
+from dappo_batch.model.body_events import BodyEvents
 from dappo_batch.model.floor_pairs import make_floor_contacts_explicit
 from dappo_batch.model.mujoco_library import MUJOCO_ERRORS, hidden_state, quiet_mujoco
 from dappo_batch.model.requirements import find_parts
 from dappo_batch.model.robot_spec import read_robot_spec
 from dappo_batch.model.simplify import INTEGRATORS
+from dappo_batch.model.variants import (
+    ClassTableError,
+    Plan,
+    Severity,
+    Variants,
+    check_plan,
+    compile_variants,
+)
+from dappo_batch.model.variants import severity_levels as _severity_levels
 from dappo_batch.robots import Robot, load_robot
 from dappo_batch.robots.faults import raise_faults
 from dappo_batch.terms import import_module
@@ -47,10 +57,6 @@ _MOST_MEMORY = 4 << 30
 _TEXT_SIZES = {"nnames", "nnames_map", "npaths", "ntextdata", "nbuffer"}
 
 
-class ClassTableError(DappoError):
-    """A damage class does not compile, or its model has other sizes than the healthy one."""
-
-
 @dataclass(frozen=True, eq=False)
 class ClassTable:
     """A robot with one compiled model for each damage class.
@@ -63,10 +69,14 @@ class ClassTable:
         The robot.
     space : DamageSpace
         The damage classes; a class id is an index into `models` and `disabled_touch`.
-    severity : float
-        Severity of all damage, in (0, 1].
+    severity : float or (float, float)
+        Severity of all damage, in (0, 1], or the range that those of episodes are from.
     models : tuple of mujoco.MjModel
-        One model per class, [D].
+        One model per class, [D]; with variants, that of variant 0.
+    all_models : tuple of mujoco.MjModel
+        The models of all variants, `models` first.
+    variants : Variants
+        What is random about the models of a class.
     disabled_touch : tuple of tuple of int
         Per class, the limbs whose touch sensor is disabled: it reads 0.
     limb_bodies : tuple of tuple of int
@@ -81,13 +91,24 @@ class ClassTable:
 
     robot: Robot
     space: DamageSpace
-    severity: float
-    models: tuple[mujoco.MjModel, ...]
+    severity: Severity
+    all_models: tuple[mujoco.MjModel, ...]
+    variants: Variants
     disabled_touch: tuple[tuple[int, ...], ...]
     limb_bodies: tuple[tuple[int, ...], ...]
     touch_addresses: tuple[int, ...]
     main_body: int
     edits: tuple[Edit, ...]
+
+    @property
+    def models(self) -> tuple[mujoco.MjModel, ...]:
+        """One model per class."""
+        return self.all_models[: len(self.space.classes)]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all models, bytes."""
+        return sum(int(model.nbuffer) for model in self.all_models)
 
     @property
     def hidden_state(self) -> str:
@@ -103,7 +124,7 @@ class ClassTable:
 
     def worker_models(self) -> list[mujoco.MjModel]:
         """Return a copy of every model, for a worker thread that changes its numbers from env to env."""
-        return [copy.copy(model) for model in self.models]
+        return [copy.copy(model) for model in self.all_models]
 
 
 def compile_class_table(
@@ -112,7 +133,8 @@ def compile_class_table(
     types: Sequence[str] | None = None,
     max_damaged_limbs: int | None = None,
     max_damages_per_limb: int | None = None,
-    severity: float = 1.0,
+    severity: Severity = 1.0,
+    severity_levels: int = 4,
     physics: Physics | None = None,
     damage_options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> ClassTable:
@@ -132,8 +154,12 @@ def compile_class_table(
     max_damages_per_limb : int, optional
         Maximum number of damages of a limb, of different types, which are applied in the order of the types;
         by default that of the robot TOML.
-    severity : float, optional
-        In (0, 1]; 1, the default, is the full damage.
+    severity : float or (float, float), optional
+        In (0, 1]; 1, the default, is the full damage. With a range ``(low, high)`` the severity of each
+        episode is drawn from `severity_levels` values.
+    severity_levels : int, optional
+        Number of severities that are compiled for a range, evenly spaced with both ends included; 4 by
+        default.
     physics : {"rk4", "euler"}, optional
         Integrator; by default that of the MJCF. For the Ant, ``"euler"`` takes a quarter of the time of RK4,
         but the physics differs, so that results cannot be compared.
@@ -155,7 +181,7 @@ def compile_class_table(
     """
     if not isinstance(robot, Robot):
         robot = load_robot(folder(robot, "robot") if isinstance(robot, PathLike) else text(robot, "robot"))
-    severity = real(severity, "severity")
+    severity, severities = _severity_levels(severity, severity_levels)
     types = None if types is None else [text(name, "a damage type") for name in sequence(types, "types")]
     if max_damaged_limbs is not None:
         max_damaged_limbs = integer(max_damaged_limbs, "max_damaged_limbs", 0)
@@ -165,8 +191,6 @@ def compile_class_table(
         text(name, "a key of damage_options")
         for key in mapping(options, f"damage_options[{name!r}]"):
             text(key, f"a key of damage_options[{name!r}]")
-    if not 0.0 < severity <= 1.0:
-        raise ConfigError(f"severity must be above 0 and at most 1, got {severity}")
     names = list(robot.damage_types if types is None else types)
     kinds = _damage_types(robot, names, damage_options or {})
     limit = robot.max_damaged_limbs if max_damaged_limbs is None else max_damaged_limbs
@@ -174,18 +198,30 @@ def compile_class_table(
     _check_removals(robot, kinds, per_limb)
     space = DamageSpace(len(robot.limbs), names, limit, per_limb)
 
+    plan = Plan(BodyEvents(robot), severities)
+    check_plan(robot, plan)
+
     with quiet_mujoco():
         base, edits = _read_spec(robot, physics)
-        healthy = _compile_class(base, robot, space.classes[0], kinds, severity)
-        _check_memory(robot, healthy, len(space.classes))
+        specs = plan.bodies.variants(base)
+        healthy = _compile_class(specs[0], robot, space.classes[0], kinds, 1.0)
+        _check_memory(robot, healthy, len(space.classes), plan.count)
         parts = find_parts(robot, healthy)
-        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severity))
-        models = (healthy, *_compile_damaged(base, robot, space, kinds, severity, _sizes(healthy)))
+        raise_faults(f"robot {robot.name}", _unfit_limbs(base, robot, kinds if limit else {}, severities[-1]))
+        sizes = _sizes(healthy)
+
+        def compiled(spec: mujoco.MjSpec, item: DamageClass, severity: float) -> mujoco.MjModel:
+            model = _compile_class(spec, robot, item, kinds, severity)
+            _check_sizes(item, sizes, model)
+            return model
+
+        models, variants = compile_variants(robot, space.classes, kinds, plan, specs, healthy, compiled)
     return ClassTable(
         robot=robot,
         space=space,
-        severity=float(severity),
-        models=models,
+        severity=severity,
+        all_models=models,
+        variants=variants,
         disabled_touch=tuple(
             tuple(sorted({limb for limb, name in item.damages if kinds[name].disables_touch}))
             for item in space.classes
@@ -254,13 +290,15 @@ def _check_removals(robot: Robot, kinds: Mapping[str, DamageType], per_limb: int
         )
 
 
-def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int) -> None:
-    size = classes * int(model.nbuffer)
+def _check_memory(robot: Robot, model: mujoco.MjModel, classes: int, variants: int) -> None:
+    size = classes * variants * int(model.nbuffer)
     if size > _MOST_MEMORY:
+        what, remedy = f"{classes} damage classes", "lower max_damaged_limbs or use fewer types"
+        if variants > 1:
+            what, remedy = f"{variants} variants of {what}", f"use fewer variants, {remedy}"
         raise ConfigError(
-            f"robot {robot.name}: {classes} damage classes of {model.nbuffer} bytes each need"
-            f" {size / 2**30:.1f} GiB, the limit is {_MOST_MEMORY / 2**30:.0f}; lower"
-            " max_damaged_limbs or use fewer types"
+            f"robot {robot.name}: {what} of {model.nbuffer} bytes each need"
+            f" {size / 2**30:.1f} GiB, the limit is {_MOST_MEMORY / 2**30:.0f}; {remedy}"
         )
 
 
@@ -323,26 +361,6 @@ def _compile_class(
         raise ClassTableError(f"damage class {damage_class.name} does not compile: {error}") from error
 
 
-def _compile_damaged(
-    base: mujoco.MjSpec,
-    robot: Robot,
-    space: DamageSpace,
-    kinds: Mapping[str, DamageType],
-    severity: float,
-    sizes: Mapping[str, int],
-) -> list[mujoco.MjModel]:
-    models, faults = [], []
-    for damage_class in space.classes[1:]:
-        try:
-            model = _compile_class(base, robot, damage_class, kinds, severity)
-            _check_sizes(damage_class, sizes, _sizes(model))
-            models.append(model)
-        except ClassTableError as error:
-            faults.append(str(error))
-    raise_faults(f"robot {robot.name}", faults, ClassTableError)
-    return models
-
-
 def _sizes(model: mujoco.MjModel) -> dict[str, int]:
     """Return all array sizes of a model by their MuJoCo names."""
     names = (name for name in dir(model) if name.startswith("n") and name not in _TEXT_SIZES)
@@ -350,10 +368,9 @@ def _sizes(model: mujoco.MjModel) -> dict[str, int]:
     return {name: value for name, value in values if isinstance(value, int)}
 
 
-def _check_sizes(damage_class: DamageClass, expected: Mapping[str, int], got: Mapping[str, int]) -> None:
-    different = [
-        f"{name} is {got[name]} instead of {size}" for name, size in expected.items() if got[name] != size
-    ]
+def _check_sizes(damage_class: DamageClass, expected: Mapping[str, int], model: mujoco.MjModel) -> None:
+    got = ((name, getattr(model, name), size) for name, size in expected.items())
+    different = [f"{name} is {found} instead of {size}" for name, found, size in got if found != size]
     if different:
         raise ClassTableError(
             f"damage class {damage_class.name} has other sizes than the healthy robot:"

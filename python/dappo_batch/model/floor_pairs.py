@@ -97,9 +97,14 @@ def _is_root(body: mujoco.MjsBody) -> bool:
 
 def _is_special(geom: mujoco.MjsGeom) -> bool:
     """Return whether a geom has a contact parameter that this module does not mix."""
-    is_odd = any(np.any(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
+    is_odd = any(_is_set(getattr(geom, key, 0.0)) for key in ("gap", "adhesion", "surfacevel"))
     # In `_mix` the ball would not be in contact with the plane.
     return is_odd or not geom.margin >= 0
+
+
+def _is_set(value: float | np.ndarray) -> bool:
+    """Return whether a number, or an entry of an array, is not 0: `np.any` takes ten times as long."""
+    return bool(value.any() if isinstance(value, np.ndarray) else value)
 
 
 def _keeps_apart(spec: mujoco.MjSpec, exclude: mujoco.MjsExclude) -> bool:

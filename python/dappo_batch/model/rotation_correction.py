@@ -13,6 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.model.probe import probe_body, stepped
+
 __all__ = ["rotation_correction"]
 
 _INERTIA = np.array([1.0, 2.0, 2.5])  # kg m²; unequal, so that the axis of rotation moves
@@ -41,18 +43,9 @@ def rotation_correction() -> bool | None:
 
 def _step_of_mujoco() -> Vector:
     """Return the orientation (w, x, y, z) of a spinning body after one step of RK4."""
-    spec = mujoco.MjSpec()
-    spec.compiler.usethread = False
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.timestep = _TIMESTEP
-    spec.option.gravity = [0, 0, 0]
-    body = spec.worldbody.add_body(mass=1, inertia=_INERTIA, explicitinertial=True)
+    spec, body = probe_body(mujoco.mjtIntegrator.mjINT_RK4, _TIMESTEP, _INERTIA)
     body.add_freejoint()
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    data.qvel[3:] = _SPIN
-    mujoco.mj_step(model, data)
-    quat: Vector = data.qpos[3:7].copy()
+    quat: Vector = stepped(spec, [0, 0, 0, *_SPIN]).qpos[3:7].copy()
     return quat
 
 

@@ -130,6 +130,7 @@ def _class_table(run: Run) -> ClassTable:
         max_damaged_limbs=damage.get("max_damaged_limbs"),
         max_damages_per_limb=damage.get("max_damages_per_limb"),
         severity=damage.get("severity", 1.0),
+        severity_levels=damage.get("severity_levels", 4),
         physics=run.config["env"].get("physics"),
         damage_options=damage.get("options"),
     )

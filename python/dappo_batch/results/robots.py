@@ -132,6 +132,12 @@ class RobotReport(Result):
         Whether geoms of the robot can touch each other.
     damage_classes : tuple of str
         Names of the compiled damage classes. Damage types that cannot be applied are left out.
+    variant_names : tuple of str
+        What differs between the compiled variants of a damage class, for example ``mass trunk``.
+    variants : tuple of tuple of float
+        The numbers of each variant, in the order of their names; empty for a robot without variants.
+    models, model_bytes : int
+        Number of compiled models of all classes and variants, and their memory.
     edits : tuple of Edit
         What ``[simplify]`` and ``[[override]]`` changed.
     backend : str
@@ -155,6 +161,10 @@ class RobotReport(Result):
     floor_contacts: tuple[str, ...]
     self_collision: bool
     damage_classes: tuple[str, ...]
+    variant_names: tuple[str, ...]
+    variants: tuple[tuple[float, ...], ...]
+    models: int
+    model_bytes: int
     edits: tuple[Edit, ...]
     backend: str
     reasons: tuple[Reason, ...]

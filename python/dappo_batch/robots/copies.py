@@ -242,11 +242,16 @@ def damage_settings(robot: Robot, section: Mapping[str, Any]) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "types": types,
         "max_damaged_limbs": robot.max_damaged_limbs if limit is None else limit,
-        "severity": float(section.get("severity", 1.0)),
     }
     per_limb = robot.damages_per_limb(types, section.get("max_damages_per_limb"))
     if per_limb != 1:  # earlier versions did not have it
         settings["max_damages_per_limb"] = per_limb
+    severity = section.get("severity", 1.0)
+    if isinstance(severity, list):
+        settings["severity"] = [float(bound) for bound in severity]
+        settings["severity_levels"] = section.get("severity_levels", 4)
+    else:
+        settings["severity"] = float(severity)
     for name in types:
         kind = make_damage_type(name, robot.damage_options(name) | dict(options.get(name, {})))
         # mypy does not know that concrete types are dataclasses.

@@ -6,7 +6,7 @@ use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, Rules};
 use dappo_sim::backend::mujoco::{
     Field, ModelTable, MujocoBackend, MujocoLibrary, VariedModel, WorkerFields,
 };
-use dappo_sim::memory::of_envs;
+use dappo_sim::memory::{Bytes, of_envs};
 use dappo_sim::simd;
 use dappo_sim::task::Task;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, WarpDevice};
@@ -19,6 +19,7 @@ use crate::damage::PyDamageSpace;
 use crate::errors::OrRaise;
 use crate::model_reader::PyModel;
 use crate::python_terms::PythonTerms;
+use crate::variants;
 use crate::warp::{self, Room, WarpBackend};
 
 /// What of a backend is not the robot's.
@@ -80,6 +81,7 @@ impl<'py> ClassTable<'py> {
             touch_addresses: object.getattr("touch_addresses")?.extract()?,
             hidden_state: object.getattr("hidden_state")?.extract()?,
             anatomy: anatomy::read(object)?,
+            variants: variants::read(object)?,
         };
         Ok(Self { object: object.clone(), robot, space, layout })
     }
@@ -142,7 +144,7 @@ impl<'py> ClassTable<'py> {
         device: WarpDevice,
         options: BackendOptions<'_>,
     ) -> PyResult<Box<dyn Backend>> {
-        warp::check(&self.robot).or_raise()?;
+        warp::check(&self.robot, &self.layout.variants).or_raise()?;
         let BackendOptions { reward, num_envs, room, .. } = options;
         let (table, classes) = (self.object.clone().unbind(), self.space.classes().len());
         let backend = WarpBackend::new(&table, task, reward, num_envs, classes, device, room);
@@ -154,12 +156,17 @@ impl<'py> ClassTable<'py> {
         let path: PathBuf =
             py.import("dappo_batch.model.mujoco_library")?.call_method0("library_path")?.extract()?;
         let library = MujocoLibrary::load(&path).or_raise()?;
+        if task.varies() {
+            let models: usize = self.object.getattr("nbytes")?.extract()?;
+            let what = format!("copies of the models of `{}` for {threads} threads", self.robot.name);
+            Bytes::of(threads, models).require(&what).or_raise()?;
+        }
         let workers = self.workers(threads, task.varies())?;
         let backend = MujocoBackend::new(task, &library, self.model_table()?, workers, num_envs);
         Ok(Box::new(backend.or_raise()?))
     }
 
-    /// The arrays of the models of all classes.
+    /// The arrays of all models.
     fn arrays(&self) -> PyResult<Vec<ModelArrays>> {
         let probe = |module: &str, name: &str| self.object.py().import(module)?.call_method0(name);
         let rules = Rules {
@@ -171,7 +178,7 @@ impl<'py> ClassTable<'py> {
             )?
             .extract()?,
         };
-        let models = self.object.getattr("models")?;
+        let models = self.object.getattr("all_models")?;
         models.try_iter()?.map(|model| ModelArrays::read(&PyModel::new(model?)?, rules)).collect()
     }
 
@@ -184,7 +191,7 @@ impl<'py> ClassTable<'py> {
 
     fn model_table(&self) -> PyResult<ModelTable> {
         let py = self.object.py();
-        let models = self.object.getattr("models")?;
+        let models = self.object.getattr("all_models")?;
         let addresses: Vec<usize> =
             models.try_iter()?.map(|model| model?.getattr("_address")?.extract()).collect::<PyResult<_>>()?;
         let spec: u32 =
@@ -250,11 +257,12 @@ fn varied(model: &Bound<'_, PyAny>) -> PyResult<VariedModel> {
         "actuator_biasprm",
         "actuator_forcerange",
     ];
-    let mut fields = [Field { address: 0, len: 0 }; 8];
+    let mut fields = [Field { address: 0, len: 0 }; 9];
     for (field, name) in fields.iter_mut().zip(names) {
         *field = array(model, name)?;
     }
     fields[7] = array(&model.getattr("opt")?, "gravity")?;
+    fields[8] = array(model, "jnt_range")?;
     let address: usize = model.getattr("_address")?.extract()?;
     // SAFETY: the arrays are views into this MjModel, a copy that Python has made for one worker, which keeps it.
     Ok(unsafe { VariedModel::new(address, fields) })

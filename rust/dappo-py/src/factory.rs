@@ -44,7 +44,8 @@ impl TableFactory {
         options.set_item("types", config.damage.types.clone())?;
         options.set_item("max_damaged_limbs", config.damage.max_damaged_limbs)?;
         options.set_item("max_damages_per_limb", config.damage.max_damages_per_limb)?;
-        options.set_item("severity", config.damage.severity)?;
+        options.set_item("severity", to_python(py, &config.damage.severity)?)?;
+        options.set_item("severity_levels", config.damage.severity_levels)?;
         options.set_item("physics", config.env.physics.clone())?;
         options.set_item("damage_options", to_python(py, &config.damage.options)?)?;
         let module = py.import("dappo_batch.model")?;
@@ -198,7 +199,7 @@ impl EnvFactory for TableFactory {
                 Ok(Box::new(HostEngine::new(env, config)?))
             }
             Physics::Warp(device) => {
-                warp::check(&self.robot)?;
+                warp::check(&self.robot, &self.layout.variants)?;
                 let sizes = self.sizes(config)?;
                 Ok(Box::new(WarpEngine::new(&self.table, device, self.room, config, &envs, sizes)?))
             }

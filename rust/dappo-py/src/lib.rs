@@ -20,6 +20,7 @@ mod python_terms;
 mod robot;
 mod run_robot;
 mod testing;
+mod variants;
 mod vector_env;
 mod warp;
 
@@ -38,6 +39,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<diagnoser::PyDiagnoser>()?;
     module.add_class::<testing::exported_networks::PyExportedNetworks>()?;
     module.add_class::<testing::lane_worlds::PyLaneWorlds>()?;
+    module.add_function(wrap_pyfunction!(robot::robot_body_events, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_faults, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_task, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_with_task, module)?)?;

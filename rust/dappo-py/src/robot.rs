@@ -22,3 +22,14 @@ pub fn robot_task(toml: &str) -> Option<String> {
 pub fn robot_with_task(robot: &str, task: &str, name: &str) -> PyResult<String> {
     robot::with_task(robot, task, name).or_raise()
 }
+
+/// An entry of `[events]` that changes bodies: its kind, the pattern of the bodies, the names of its numbers, and these in
+/// every variant.
+type BodyEvent = (&'static str, String, Vec<String>, Vec<Vec<f64>>);
+
+/// The entries of `[events]` in the text of a robot TOML that change bodies, in the order in which they are applied.
+#[pyfunction]
+pub fn robot_body_events(toml: &str) -> PyResult<Vec<BodyEvent>> {
+    let drawn = Robot::from_toml(toml).or_raise()?.events.bodies.draw();
+    Ok(drawn.into_iter().map(|event| (event.kind, event.bodies, event.names, event.numbers)).collect())
+}

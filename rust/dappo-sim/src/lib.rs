@@ -26,7 +26,7 @@ pub mod threads;
 pub mod vector_env;
 
 pub use backend::{Backend, BackendKind, Device, Layout, Physics, Precision, Reset, StepOutputs, WarpDevice};
-pub use damage::{Damage, DamageClass, DamageSpace};
+pub use damage::{Damage, DamageClass, DamageSpace, Severity};
 pub use error::SimError;
 pub use robot::Robot;
 pub use threads::ThreadPool;

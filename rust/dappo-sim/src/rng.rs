@@ -76,6 +76,10 @@ pub enum Purpose {
     ActionDropout = 21,
     /// How long damage lasts, and how long until it returns.
     DamageDuration = 22,
+    /// The compiled variant of an episode.
+    Variant = 24,
+    /// What the compiled variants of a robot are.
+    VariantNumbers = 25,
 }
 
 /// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).

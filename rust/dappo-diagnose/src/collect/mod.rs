@@ -9,9 +9,9 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
 use dappo_learn::faults::Faults;
 use dappo_learn::fleet::Fleet;
-use dappo_sim::Backend;
 use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
+use dappo_sim::{Backend, Severity};
 
 use super::dataset::{DatasetHeader, Part, PolicyId, Shard, check_piece};
 use super::{Protocol, Subject};
@@ -34,7 +34,7 @@ pub struct CollectConfig {
     /// The piece to collect.
     pub shard: Shard,
     /// Severity of the damage, as the class table has it.
-    pub severity: f64,
+    pub severity: Severity,
 }
 
 /// Observer of a collection.

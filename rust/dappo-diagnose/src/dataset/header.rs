@@ -1,5 +1,6 @@
 //! `dataset.json`: what the records of a folder are.
 
+use dappo_sim::Severity;
 use std::path::Path;
 
 use dappo_learn::RunPolicy;
@@ -45,7 +46,7 @@ pub struct DatasetHeader {
     /// The robot and its damage classes.
     pub subject: Subject,
     /// Severity of the damage.
-    pub severity: f64,
+    pub severity: Severity,
     /// Seed of the rollouts.
     pub seed: u64,
     /// Steps in a window, T.

@@ -193,7 +193,7 @@ mod tests {
                 class_names: vec!["healthy".into(), "broken".into()],
                 codes: vec![vec![0], vec![1]],
             },
-            severity: 1.0,
+            severity: dappo_sim::Severity::Same(1.0),
             seed: 0,
             timesteps: 3,
             obs_dim: 40,

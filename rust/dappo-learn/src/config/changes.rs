@@ -108,7 +108,10 @@ mod tests {
         let kept = Config { robot_file: Some("copy.toml".into()), ..config() };
         assert_eq!(kept.clone().with(&[]).unwrap(), kept);
         let severe = kept.clone().with(&["damage.severity=0.5".into()]).unwrap();
-        assert_eq!((severe.damage.severity, &severe.robot_file), (0.5, &kept.robot_file));
+        assert_eq!(
+            (severe.damage.severity, &severe.robot_file),
+            (dappo_sim::Severity::Same(0.5), &kept.robot_file)
+        );
         let other = kept.with(&[Assignment::Value("robot".into(), "hexapod".into())]).unwrap();
         assert_eq!((other.robot.as_str(), other.robot_file), ("hexapod", None));
     }

@@ -5,6 +5,7 @@
 
 mod assignment;
 mod changes;
+mod damage;
 mod layers;
 mod nearest;
 mod sift;
@@ -14,7 +15,6 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use dappo_sim::curriculum::{ClassMix, Stage};
-use dappo_sim::vector_env::{DamageCourse, StepRange};
 use dappo_sim::{BackendKind, Device, Precision};
 
 use crate::error::LearnError;
@@ -23,6 +23,7 @@ use crate::ppo::PpoConfig;
 
 pub use assignment::Assignment;
 pub use changes::{Change, change, changes};
+pub use damage::DamageSection;
 pub use layers::Layers;
 
 /// Envs at most: more do not fit the memory of any machine.
@@ -113,82 +114,6 @@ impl Default for EnvSection {
             max_episode_steps: None,
             njmax: None,
             nconmax: None,
-        }
-    }
-}
-
-/// The section `[damage]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DamageSection {
-    /// Damage types; the robot's when absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub types: Option<Vec<String>>,
-    /// Python modules that register damage types of a user, besides those of the robot.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub modules: Vec<String>,
-    /// Largest number of damaged limbs; the robot's when absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_damaged_limbs: Option<usize>,
-    /// Largest number of damages of a limb; the robot's when absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_damages_per_limb: Option<usize>,
-    /// 1 is the paper's damage, values towards 0 are milder.
-    pub severity: f64,
-    /// When the damage strikes; (0, 0) is from the start of the episode.
-    pub onset: StepRange,
-    /// Steps for which it lasts; for good when absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub duration: Option<StepRange>,
-    /// Steps from its end until it returns; it does not when absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pause: Option<StepRange>,
-    /// Parameters of the damage types, for example `options.jammed_joint.range_deg`.
-    #[serde(skip_serializing_if = "toml::Table::is_empty")]
-    pub options: toml::Table,
-}
-
-impl Default for DamageSection {
-    fn default() -> Self {
-        Self {
-            types: None,
-            modules: Vec::new(),
-            max_damaged_limbs: None,
-            max_damages_per_limb: None,
-            severity: 1.0,
-            onset: StepRange::default(),
-            duration: None,
-            pause: None,
-            options: toml::Table::new(),
-        }
-    }
-}
-
-impl DamageSection {
-    /// When the damage of an episode is active.
-    #[must_use]
-    pub fn course(&self) -> DamageCourse {
-        DamageCourse { onset: self.onset, duration: self.duration, pause: self.pause }
-    }
-
-    fn review(&self, faults: &mut Faults) {
-        faults.positive("damage.severity", self.severity, 1.0);
-        let ranges = [
-            ("damage.onset", Some(self.onset), 0),
-            ("damage.duration", self.duration, 1),
-            ("damage.pause", self.pause, 1),
-        ];
-        for (key, range, least) in ranges {
-            let Some(StepRange { first, last }) = range else { continue };
-            let expected = format!("a range in ascending order, within {least} to {MOST_STEPS}");
-            let fits = least <= first && first <= last && last <= MOST_STEPS;
-            faults.rule(key, format!("{first} to {last}"), &expected, fits);
-        }
-        if self.pause.is_some() && self.duration.is_none() {
-            faults.add(
-                "damage.pause",
-                "is set, but `damage.duration` is not: damage that stays does not return",
-            );
         }
     }
 }

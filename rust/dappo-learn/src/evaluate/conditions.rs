@@ -22,6 +22,7 @@ impl Conditions {
             ("damage.max_damaged_limbs", space.max_damaged_limbs().to_string()),
             ("damage.max_damages_per_limb", space.max_damages_per_limb().to_string()),
             ("damage.severity", damage.severity.to_string()),
+            ("damage.severity_levels", damage.severity_levels.to_string()),
             ("damage.onset", steps(damage.onset)),
             ("damage.duration", optional(damage.duration)),
             ("damage.pause", optional(damage.pause)),

@@ -9,7 +9,7 @@ use dappo_learn::envs::{EnvFactory, Sizes};
 use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Encoding, MeanActions};
-use dappo_sim::{Backend, BackendKind, DamageSpace, Physics, Precision, Robot, SimError};
+use dappo_sim::{Backend, BackendKind, DamageSpace, Physics, Precision, Robot, Severity, SimError};
 
 pub const CLASSES: usize = 33;
 const EPISODES: usize = 4;
@@ -319,7 +319,7 @@ fn evaluations_of_other_episodes_cannot_stand_beside_each_other() {
     assert!(refused.contains("b cannot be evaluated together with a"), "{refused}");
     assert!(refused.contains("its `damage.max_damaged_limbs` is `2`, expected `1`"), "{refused}");
     let mut weaker = config(2, true);
-    weaker.damage.severity = 0.5;
+    weaker.damage.severity = Severity::Same(0.5);
     let refused = first.check("a", "b", &conditions(&weaker, &one)).unwrap_err().to_string();
     assert!(refused.contains("its `damage.severity` is `0.5`, expected `1`"), "{refused}");
 }

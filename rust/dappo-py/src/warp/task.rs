@@ -2,10 +2,12 @@
 
 use dappo_sim::SimError;
 use dappo_sim::robot::Robot;
-use dappo_sim::task::{ActionKind, Commands, Curriculum, Events, Measure, ObservationTerm, Quantity, Scale};
+use dappo_sim::task::{
+    ActionKind, Commands, Curriculum, Events, Measure, ObservationTerm, Quantity, Scale, Variants,
+};
 
 /// Refuses a robot whose task has something that the kernels lack.
-pub fn check(robot: &Robot) -> Result<(), SimError> {
+pub fn check(robot: &Robot, variants: &Variants) -> Result<(), SimError> {
     let mut missing = Vec::new();
     let mut refuse = |condition: bool, what: &str| {
         if condition {
@@ -16,6 +18,8 @@ pub fn check(robot: &Robot) -> Result<(), SimError> {
     refuse(robot.actions.kind != ActionKind::Control, "[actions] type = \"joint_position\"");
     refuse(robot.commands != Commands::default(), "[commands]");
     refuse(robot.events != Events::default(), "[events]");
+    refuse(variants.names.iter().any(|name| name == "severity"), "a range of damage.severity");
+    refuse(!variants.jams.is_empty(), "damage whose place follows from the onset (at = \"current\")");
     refuse(robot.curriculum != Curriculum::default(), "[curriculum]");
     refuse(robot.reset.keyframe.is_some(), "[reset] keyframe");
     refuse(robot.observation.critic.is_some(), "[observation.critic]");

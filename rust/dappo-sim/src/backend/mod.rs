@@ -14,7 +14,7 @@ pub use settings::{BackendKind, Device, Precision};
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};
 use crate::robot::ResetNoise;
-use crate::task::{Anatomy, Task};
+use crate::task::{Anatomy, Task, Variants};
 
 /// Sizes and addresses of a compiled robot, equal for all its damage classes.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,6 +41,8 @@ pub struct Layout {
     pub hidden_state: String,
     /// Parts that terms refer to.
     pub anatomy: Anatomy,
+    /// Compiled variants of the damage classes.
+    pub variants: Variants,
 }
 
 /// Start of a new episode. The initial state is drawn from (`key`, `episode`).

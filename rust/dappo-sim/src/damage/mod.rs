@@ -4,7 +4,9 @@
 //! (`python/dappo_batch/damage`), compiled once per class.
 
 mod class;
+mod severity;
 mod space;
 
 pub use class::{Damage, DamageClass};
+pub use severity::Severity;
 pub use space::DamageSpace;

@@ -198,6 +198,17 @@ impl<'a, 'f> Entries<'a, 'f> {
         self.optional(key, &format!("a table [{key}]"), Value::as_table)
     }
 
+    /// An optional table, or several of them in an array.
+    pub fn optional_one_or_more(&mut self, key: &'static str) -> Vec<&'a Table> {
+        let expected = format!("a table [{key}], or a list of them");
+        let tables = self.optional(key, &expected, |value| match value {
+            Value::Table(table) => Some(vec![table]),
+            Value::Array(tables) if !tables.is_empty() => tables.iter().map(Value::as_table).collect(),
+            _ => None,
+        });
+        tables.unwrap_or_default()
+    }
+
     /// An optional array of tables `[[key]]`.
     pub fn optional_tables(&mut self, key: &'static str) -> Option<&'a [Value]> {
         self.optional(key, &format!("tables [[{key}]]"), |value| value.as_array().map(Vec::as_slice))

@@ -1,5 +1,7 @@
 //! Faults of the sections of a robot file that describe its task.
 
+use std::ops::RangeInclusive;
+
 use toml::{Table, Value};
 
 use super::entries::{Entries, shown};
@@ -10,6 +12,15 @@ use super::faults::LARGEST;
 pub(super) const LONGEST: f64 = 1e6;
 /// Most steps of a delay or a history.
 const MOST_STEPS: i64 = 1000;
+
+/// Most compiled variants of a robot.
+const MOST_VARIANTS: i64 = 1000;
+/// Events that change bodies, with the entry for their range, and its bounds: factors, and m.
+const BODIES: [(&str, &str, RangeInclusive<f64>); 3] = [
+    ("link_length", "scale", 0.1..=10.0),
+    ("mass", "scale", 1e-3..=1e3),
+    ("center_of_mass", "offset", -100.0..=100.0),
+];
 
 /// What a term expects besides what all terms have.
 #[derive(Clone, Copy)]
@@ -293,7 +304,26 @@ pub(super) fn check_events(events: &Table, found: &mut Vec<String>) {
     let encoder_fault = entries.optional_table("encoder_fault");
     let imu_fault = entries.optional_table("imu_fault");
     let dropout = entries.optional_table("action_dropout");
+    let bodies = BODIES.map(|(key, change, range)| (key, change, range, entries.optional_one_or_more(key)));
+    let variants = entries.optional_whole("variants", 1..=MOST_VARIANTS);
+    if variants.is_some() && bodies.iter().all(|(.., tables)| tables.is_empty()) {
+        entries.fault(
+            "`variants` needs link_length, mass or center_of_mass, of which it is the number of samples",
+        );
+    }
     entries.finish();
+    for (key, change, range, tables) in bodies {
+        for table in tables {
+            let mut entries = Entries::new(table, format!("[events.{key}]"), found);
+            if let Some(bodies) = entries.text("bodies")
+                && let Err(why) = super::pattern(bodies)
+            {
+                entries.fault(&format!("`bodies`: {why}"));
+            }
+            entries.span(change, range.clone());
+            entries.finish();
+        }
+    }
     let mut each = |key: &str, table: Option<&Table>, check: &dyn Fn(&mut Entries)| {
         if let Some(table) = table {
             let mut entries = Entries::new(table, format!("[events.{key}]"), found);

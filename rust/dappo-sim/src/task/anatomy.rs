@@ -1,6 +1,6 @@
 //! Parts of a compiled robot that terms refer to: actuated joints, feet and the default pose.
 
-/// Parts of a robot, equal for all its damage classes but for the feet.
+/// Parts of a robot, equal for all its compiled models but for the feet.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Anatomy {
     /// Positions with which an episode begins, `[nq]`: those of a keyframe, or of the MJCF.
@@ -11,7 +11,7 @@ pub struct Anatomy {
     pub actuators: Vec<ActuatorParts>,
     /// Names of the bodies, the world first.
     pub bodies: Vec<String>,
-    /// Feet of each damage class, in the order of the limbs; empty if the limbs have none.
+    /// Feet of each compiled model, in the order of the limbs; empty if the limbs have none.
     pub feet: Vec<Vec<Foot>>,
 }
 

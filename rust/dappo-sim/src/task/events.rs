@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::dropout::ActionDropout;
 use super::faults::{EncoderFault, ImuFault};
 use super::memory::Slots;
+use super::variants::{BodyEvents, Variants};
 use crate::rng::Stream;
 
 /// The section `[events]`; what is absent stays as in the MJCF.
@@ -52,6 +53,9 @@ pub struct Events {
     /// Times in which actions do not arrive.
     #[serde(default)]
     pub action_dropout: Option<ActionDropout>,
+    /// Masses, centres of mass and lengths.
+    #[serde(flatten)]
+    pub bodies: BodyEvents,
 }
 
 /// A factor.
@@ -109,8 +113,8 @@ pub struct Variation {
     pub joint_damping: f64,
     /// Factor of the rotor inertia of joints.
     pub joint_armature: f64,
-    /// Direction of gravity, a unit vector.
-    pub gravity: [f64; 3],
+    /// Direction of gravity, a unit vector; that of the MJCF for `None`.
+    pub gravity: Option<[f64; 3]>,
 }
 
 impl Variation {
@@ -122,7 +126,7 @@ impl Variation {
         kd: 1.0,
         joint_damping: 1.0,
         joint_armature: 1.0,
-        gravity: [0.0, 0.0, -1.0],
+        gravity: None,
     };
 }
 
@@ -135,6 +139,8 @@ pub(super) struct Drawn {
     encoders: usize,
     /// Whether the delay of actions follows.
     delays: bool,
+    /// Numbers of the compiled variant that follow.
+    compiled: usize,
     /// Whether the step of the next push follows.
     pushes: bool,
 }
@@ -156,11 +162,12 @@ const VARIED: [&str; 9] = [
 
 impl Events {
     /// What this task draws, and the room for it.
-    pub(super) fn layout(&self, joints: usize, slots: &mut Slots) -> Drawn {
+    pub(super) fn layout(&self, joints: usize, variants: &Variants, slots: &mut Slots) -> Drawn {
         let drawn = Drawn {
             varies: self.varies(),
             encoders: if self.encoder_bias.is_some() { joints } else { 0 },
             delays: self.action_delay.is_some(),
+            compiled: variants.names.len(),
             pushes: self.push.is_some(),
         };
         slots.events = slots.take(drawn.len());
@@ -175,13 +182,30 @@ impl Events {
         self.gravity.is_some() || scaled.iter().any(Option::is_some)
     }
 
+    /// How the physics of an env differs; `None` if that of no env does.
+    pub(super) fn variation(&self, drawn: &Drawn, numbers: &[f64]) -> Option<Variation> {
+        drawn.varies.then(|| {
+            let [friction, motor_strength, kp, kd, joint_damping, joint_armature] =
+                std::array::from_fn(|index| numbers[index]);
+            let gravity = self.gravity.map(|_| [numbers[6], numbers[7], numbers[8]]);
+            Variation { friction, motor_strength, kp, kd, joint_damping, joint_armature, gravity }
+        })
+    }
+
     /// Most steps until an action arrives.
     pub(super) fn longest_delay(&self) -> usize {
         self.action_delay.map_or(0, |delay| delay.steps[1])
     }
 
-    /// Draws everything for an episode.
-    pub(super) fn draw(&self, drawn: &Drawn, stream: &mut Stream, dt: f64, numbers: &mut [f64]) {
+    /// Draws everything for an episode; `compiled` are the numbers of its variant.
+    pub(super) fn draw(
+        &self,
+        drawn: &Drawn,
+        stream: &mut Stream,
+        dt: f64,
+        compiled: &[f64],
+        numbers: &mut [f64],
+    ) {
         let mut rest = numbers;
         let mut put = |count: usize| {
             let (first, others) = std::mem::take(&mut rest).split_at_mut(count);
@@ -214,6 +238,7 @@ impl Events {
         if let Some(Delay { steps: [fewest, most] }) = self.action_delay {
             put(1)[0] = (fewest + stream.below((most - fewest) as u64 + 1) as usize) as f64;
         }
+        put(drawn.compiled).copy_from_slice(compiled);
         if let Some(push) = self.push {
             put(1)[0] = steps(within(stream, push.every), dt) as f64;
         }
@@ -233,18 +258,12 @@ impl Drawn {
         self.start_of_encoders() + self.encoders
     }
 
-    fn start_of_push(&self) -> usize {
+    fn start_of_compiled(&self) -> usize {
         self.start_of_delay() + usize::from(self.delays)
     }
 
-    /// How the physics of an env differs; `None` if that of no env does.
-    pub fn variation(&self, numbers: &[f64]) -> Option<Variation> {
-        self.varies.then(|| {
-            let [friction, motor_strength, kp, kd, joint_damping, joint_armature] =
-                std::array::from_fn(|index| numbers[index]);
-            let gravity = [numbers[6], numbers[7], numbers[8]];
-            Variation { friction, motor_strength, kp, kd, joint_damping, joint_armature, gravity }
-        })
+    fn start_of_push(&self) -> usize {
+        self.start_of_compiled() + self.compiled
     }
 
     /// Errors of the encoders, rad, one an actuated joint; empty without such errors.
@@ -262,17 +281,19 @@ impl Drawn {
         self.pushes.then(|| &mut numbers[self.start_of_push()])
     }
 
-    /// What a privileged critic may see, in the order of [`Variation`]'s fields, then encoders and delay.
+    /// What a privileged critic may see, in the order of [`Variation`]'s fields, then encoders, delay and the
+    /// numbers of the compiled variant.
     pub fn shown<'a>(&self, numbers: &'a [f64]) -> &'a [f64] {
         &numbers[..self.start_of_push()]
     }
 
     /// Names of the entries of [`Self::shown`], given those of the actuated joints.
-    pub fn names<'a>(&self, joints: impl Iterator<Item = &'a str>) -> Vec<String> {
+    pub fn names<'a>(&self, joints: impl Iterator<Item = &'a str>, variants: &Variants) -> Vec<String> {
         let varied = if self.varies { &VARIED[..] } else { &[] };
         let encoders = joints.take(self.encoders).map(|joint| format!("encoder_bias {joint}"));
         let delay = self.delays.then(|| "action_delay".to_owned());
-        varied.iter().map(|name| (*name).to_owned()).chain(encoders).chain(delay).collect()
+        let varied = varied.iter().map(|name| (*name).to_owned());
+        varied.chain(encoders).chain(delay).chain(variants.names.iter().cloned()).collect()
     }
 
     /// Number of entries of [`Self::shown`].

@@ -22,6 +22,10 @@ pub(super) struct Slots {
     pub waiting: Range<usize>,
     /// What the events have drawn.
     pub events: Range<usize>,
+    /// Index of the compiled variant.
+    pub variant: Range<usize>,
+    /// By how much the limits of jammed joints have moved, rad.
+    pub jams: Range<usize>,
     /// Motion and contact of each foot, `[feet, FOOT]`.
     pub feet: Range<usize>,
     /// Numbers in a row.

@@ -26,6 +26,7 @@ mod scene;
 mod signals;
 mod state;
 mod termination;
+mod variants;
 
 use crate::backend::{Layout, Reset};
 use crate::error::SimError;
@@ -43,6 +44,7 @@ pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
 pub use signals::Signals;
 pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
+pub use variants::{BodyEvent, BodyEvents, Jam, Variants};
 
 use action::ActuatorAction;
 use check::check;
@@ -110,7 +112,7 @@ impl Task {
         let actions = robot.actions.of_actuators(layout.nu, &layout.anatomy).map_err(bad)?;
         let limits = Limits::new(&robot.terminations, layout).map_err(bad)?;
         let (mut slots, events) = (Slots::default(), robot.events.clone());
-        let drawn = events.layout(layout.nu, &mut slots);
+        let drawn = events.layout(layout.nu, &layout.variants, &mut slots);
         let sensor_faults =
             SensorFaults::new(&events, &layout.anatomy, &robot.observation.policy.terms, &mut slots)
                 .map_err(bad)?;
@@ -145,6 +147,8 @@ impl Task {
         slots.waiting = slots.take(events.longest_delay() * layout.nu);
         let feet = layout.anatomy.feet.first().map_or(0, Vec::len);
         slots.feet = slots.take(room(needs_feet, feet * FootRow::LENGTH));
+        slots.variant = slots.take(room(layout.variants.count() > 1, 1));
+        slots.jams = slots.take(layout.variants.most_jams());
         Ok(Self {
             frame_skip: robot.frame_skip,
             reset: robot.reset.noise(),
@@ -246,7 +250,7 @@ impl Task {
     #[must_use]
     pub fn event_names(&self) -> Vec<String> {
         let joints = self.layout.anatomy.actuators.iter().filter_map(|actuator| actuator.joint.as_ref());
-        let mut names = self.drawn.names(joints.map(|joint| joint.name.as_str()));
+        let mut names = self.drawn.names(joints.map(|joint| joint.name.as_str()), &self.layout.variants);
         names.extend(self.sensor_faults.names().cloned());
         names.extend(self.dropouts.iter().flat_map(|_| Dropouts::names()));
         names
@@ -295,8 +299,13 @@ impl Task {
             let clock = Clock { step: 0, key: reset.key, episode: reset.episode };
             clock.write(&mut row[self.slots.episode.clone()]);
         }
+        let mut stream = Stream::new(reset.key, reset.episode, Purpose::Variant);
+        let variant = stream.below(self.layout.variants.count() as u64) as usize;
+        row[self.slots.variant.clone()].fill(variant as f64);
+        let compiled = self.layout.variants.numbers.get(variant).map_or(&[][..], Vec::as_slice);
         let mut stream = Stream::new(reset.key, reset.episode, Purpose::Events);
-        self.events.draw(&self.drawn, &mut stream, self.dt(), &mut row[self.slots.events.clone()]);
+        let numbers = &mut row[self.slots.events.clone()];
+        self.events.draw(&self.drawn, &mut stream, self.dt(), compiled, numbers);
         let mut stream = Stream::new(reset.key, reset.episode, Purpose::SensorFaults);
         self.sensor_faults.draw(&mut stream, self.dt(), row);
         if let Some(dropouts) = &self.dropouts {
@@ -305,16 +314,44 @@ impl Task {
         self.draw_command(row);
     }
 
-    /// How the physics of an env differs from that of its damage class; `None` if that of no env does.
+    /// The compiled model of an env with this damage class.
     #[must_use]
-    pub fn variation(&self, row: &[f64]) -> Option<Variation> {
-        self.drawn.variation(&row[self.slots.events.clone()])
+    pub fn model(&self, row: &[f64], class: usize) -> usize {
+        let variant = row.get(self.slots.variant.clone()).and_then(<[f64]>::first).copied();
+        self.layout.variants.model(class, variant.unwrap_or_default() as usize)
     }
 
-    /// Whether the physics of envs with the same damage class can differ.
+    /// Whether joints of damage classes jam where they are at the onset.
+    #[must_use]
+    pub fn jams(&self) -> bool {
+        !self.slots.jams.is_empty()
+    }
+
+    /// Lets the joints of a damage class jam that becomes active at `qpos`, `[nq]`.
+    pub fn jam(&self, row: &mut [f64], class: usize, qpos: &[f64]) {
+        if self.jams() {
+            let model = self.model(row, class);
+            self.layout.variants.jam(model, qpos, &mut row[self.slots.jams.clone()]);
+        }
+    }
+
+    /// The jammed joints of a model, and by how much their limits have moved, rad.
+    pub fn jammed<'a>(&'a self, row: &'a [f64], model: usize) -> impl Iterator<Item = (&'a Jam, f64)> {
+        let jams = self.layout.variants.jams.get(model).into_iter().flatten();
+        jams.zip(row[self.slots.jams.clone()].iter().copied())
+    }
+
+    /// How the physics of an env differs from that of its compiled model; `None` if that of no env does.
+    #[must_use]
+    pub fn variation(&self, row: &[f64]) -> Option<Variation> {
+        let drawn = self.events.variation(&self.drawn, &row[self.slots.events.clone()]);
+        drawn.or_else(|| self.jams().then_some(Variation::NONE))
+    }
+
+    /// Whether the physics of envs with the same compiled model can differ.
     #[must_use]
     pub fn varies(&self) -> bool {
-        self.events.varies()
+        self.events.varies() || self.jams()
     }
 
     /// What a step has brought. Afterwards the task is at the next step, with the command that holds there.
@@ -357,7 +394,7 @@ impl Task {
         if !self.needs_feet {
             return;
         }
-        let feet = &self.layout.anatomy.feet[signals.class];
+        let feet = &self.layout.anatomy.feet[self.model(row, signals.class)];
         for (row, foot) in row[self.slots.feet.clone()].chunks_exact_mut(FootRow::LENGTH).zip(feet) {
             let (position, velocity) = foot.motion(signals.qpos, signals.qvel);
             let [x, y, z] = signals.contact_force(foot.body);

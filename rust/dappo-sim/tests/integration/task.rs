@@ -1,6 +1,6 @@
 //! What a task remembers between steps: commands, curriculum, delays.
 
-use dappo_sim::task::{ActuatorParts, Anatomy, Signals, Task};
+use dappo_sim::task::{ActuatorParts, Anatomy, Signals, Task, Variants};
 use dappo_sim::{Layout, Reset, Robot};
 
 const ROBOT: &str = r#"
@@ -46,6 +46,7 @@ fn layout() -> Layout {
             start_ctrl: vec![0.0; 2],
             ..Anatomy::default()
         },
+        variants: Variants::default(),
     }
 }
 

@@ -78,11 +78,13 @@ impl Block {
         stride: usize,
     ) {
         for (lane, reset) in started(resets) {
-            task.begin(row_of(&mut self.memory, task, lane), reset);
+            let row = row_of(&mut self.memory, task, lane);
+            task.begin(row, reset);
             let Reading { qpos, qvel, .. } = &mut self.reading;
-            qpos.copy_from_slice(task.start_or(table.start(reset.class)));
+            qpos.copy_from_slice(task.start_or(table.start(task.model(row, reset.class))));
             qvel.fill(0.0);
             reset.scatter(task.reset, qpos, qvel);
+            task.jam(row, reset.class, qpos);
             self.group.set_state(lane, qpos, qvel);
             self.set_class(task, table, lane, reset.class);
         }
@@ -212,7 +214,13 @@ impl Block {
         self.reading.qvel.fill(0.0);
         for lane in 0..classes.len() {
             let Some(class) = class_of(lane) else { continue };
-            self.group.set_state(lane, task.start_or(table.start(class)), &self.reading.qvel);
+            let row = row_of(&mut self.memory, task, lane);
+            let start = task.start_or(table.start(task.model(row, class)));
+            self.group.set_state(lane, start, &self.reading.qvel);
+            if task.jams() {
+                task.jam(row, class, start);
+                self.set_class(task, table, lane, class);
+            }
             outputs.reward_terms[lane * terms..(lane + 1) * terms].fill(0.0);
             outputs.rewards[lane] = 0.0;
             outputs.terminated[lane] = true;
@@ -221,11 +229,25 @@ impl Block {
         self.begin(task, table, classes.len(), class_of, outputs.obs, outputs.stride);
     }
 
+    /// Damages a running robot.
+    pub fn strike(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize) {
+        if task.jams() {
+            self.reading.read(self.group.as_ref(), lane);
+            task.jam(row_of(&mut self.memory, task, lane), class, &self.reading.qpos);
+        }
+        self.set_class(task, table, lane, class);
+    }
+
     /// Gives a lane the physics of a damage class, and what is random about its env.
-    pub fn set_class(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize) {
-        match task.variation(row_of(&mut self.memory, task, lane)) {
-            None => self.group.set_class(lane, class),
-            Some(variation) => self.group.set_model(lane, &table.varied(class, &variation)),
+    fn set_class(&mut self, task: &Task, table: &LaneTable, lane: usize, class: usize) {
+        let row = &self.memory[lane * task.memory_len()..(lane + 1) * task.memory_len()];
+        let model = task.model(row, class);
+        match task.variation(row) {
+            None => self.group.set_class(lane, model),
+            Some(variation) => {
+                let varied = table.varied(model, &variation, task.jammed(row, model));
+                self.group.set_model(lane, &varied);
+            }
         }
     }
 

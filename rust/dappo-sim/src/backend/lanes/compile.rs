@@ -11,53 +11,57 @@ use super::refuse::{EULER_DAMPING_OFF, Reasons, check_features, notes, refuse};
 use super::tree::Tree;
 use crate::backend::Precision;
 use crate::error::SimError;
-use crate::task::Variation;
+use crate::task::{Jam, Variation};
 
-/// The damage classes of a robot, compiled for the lane engine.
+/// The damage classes of a robot and their variants, compiled for the lane engine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaneTable {
     models: Vec<Model>,
-    /// Positions with which an episode begins, one row a class.
+    /// Positions with which an episode begins, one row a model.
     starts: Vec<Vec<f64>>,
     disabled_touch: Vec<Vec<bool>>,
     notes: Vec<String>,
 }
 
 impl LaneTable {
-    /// Compiles all classes, or returns all of the robot that the engine does not support.
+    /// Compiles all models, or returns all of the robot that the engine does not support.
     ///
-    /// `main_body` is the body whose velocity is measured.
+    /// The first models are those of the classes, in their order, then come their variants. `main_body` is the body whose
+    /// velocity is measured.
     ///
     /// # Shapes
     /// - `touch_addresses`: `[limbs]`, addresses in sensordata of the touch sensors that are read, or empty
     /// - `disabled_touch`: `[classes][limbs]`, whether a class disables the touch signal of a limb
     pub fn compile(
-        classes: &[ModelArrays],
+        compiled: &[ModelArrays],
         main_body: usize,
         touch_addresses: &[usize],
         disabled_touch: Vec<Vec<bool>>,
     ) -> Result<Self, SimError> {
-        let Some(healthy) = classes.first().filter(|_| classes.len() == disabled_touch.len()) else {
+        let classes = disabled_touch.len();
+        let Some(healthy) = compiled.first().filter(|_| (1..=compiled.len()).contains(&classes)) else {
             return Err(SimError::Config(format!(
-                "a class table needs one model and one touch mask a class, got {} and {}",
-                classes.len(),
-                disabled_touch.len()
+                "a class table needs a model and a touch mask of each class, got {} and {classes}",
+                compiled.len(),
             )));
         };
-        let mut models = Vec::with_capacity(classes.len());
-        for (class, arrays) in classes.iter().enumerate() {
-            // What the healthy robot has, all classes have.
+        let mut models = Vec::with_capacity(compiled.len());
+        for (index, arrays) in compiled.iter().enumerate() {
+            // What the healthy robot has, all models have.
             models.push(compile(arrays, main_body, touch_addresses).map_err(|mut reasons| {
-                if class > 0 {
-                    reasons.iter_mut().for_each(|why| *why = format!("in damage class {class}, {why}"));
-                }
+                let place = match index {
+                    0 => String::new(),
+                    class if class < classes => format!("in damage class {class}, "),
+                    _ => "in a compiled variant, ".into(),
+                };
+                reasons.iter_mut().for_each(|why| why.insert_str(0, &place));
                 SimError::Unsupported(reasons)
             })?);
         }
         align(&mut models);
         let table = Self {
             models,
-            starts: classes.iter().map(|arrays| arrays.qpos0.clone()).collect(),
+            starts: compiled.iter().map(|arrays| arrays.qpos0.clone()).collect(),
             disabled_touch,
             notes: notes(healthy),
         };
@@ -80,7 +84,7 @@ impl LaneTable {
     /// Number of damage classes.
     #[must_use]
     pub fn classes(&self) -> usize {
-        self.models.len()
+        self.disabled_touch.len()
     }
 
     /// Entries of qpos, qvel and ctrl, number of bodies and of touch sensors.
@@ -96,16 +100,28 @@ impl LaneTable {
         }
     }
 
-    pub(super) fn start(&self, class: usize) -> &[f64] {
-        &self.starts[class]
+    pub(super) fn start(&self, model: usize) -> &[f64] {
+        &self.starts[model]
     }
 
-    /// The model of a class with what is random about an env.
-    pub(super) fn varied(&self, class: usize, variation: &Variation) -> Model {
-        let mut model = self.models[class].clone();
-        let [x, y, z] = variation.gravity;
-        let gravity = model.gravity.iter().map(|g| g * g).sum::<f64>().sqrt();
-        model.gravity = [gravity * x, gravity * y, gravity * z];
+    /// A model with what is random about an env, and by how much the limits of jammed joints have moved.
+    pub(super) fn varied<'a>(
+        &self,
+        model: usize,
+        variation: &Variation,
+        jammed: impl Iterator<Item = (&'a Jam, f64)>,
+    ) -> Model {
+        let mut model = self.models[model].clone();
+        if let Some([x, y, z]) = variation.gravity {
+            let gravity = model.gravity.iter().map(|g| g * g).sum::<f64>().sqrt();
+            model.gravity = [gravity * x, gravity * y, gravity * z];
+        }
+        for (jam, shift) in jammed {
+            let links = model.limbs.iter_mut().flatten();
+            for link in links.filter(|link| link.dof == jam.dof) {
+                link.range = link.range.map(|limit| limit + shift);
+            }
+        }
         for point in &mut model.points {
             point.friction = point.friction.map(|coefficient| coefficient * variation.friction);
         }

@@ -103,7 +103,7 @@ impl Backend for LanesBackend {
         for &(env, class) in changes {
             check_class(class, self.table.classes())?;
             let (block, lane) = self.place(env);
-            self.blocks[block].set_class(&self.task, &self.table, lane, class);
+            self.blocks[block].strike(&self.task, &self.table, lane, class);
             self.classes[env] = class;
         }
         Ok(())

@@ -115,6 +115,10 @@ impl Backend for MujocoBackend {
         for &(env, class) in changes {
             check_class(class, self.table.len())?;
             self.classes[env] = class;
+            if self.task.jams() {
+                let row = &mut self.rows[env * self.row..(env + 1) * self.row];
+                worker(&self.workers).jam(&self.task, &self.table, class, row);
+            }
         }
         Ok(())
     }
@@ -168,11 +172,9 @@ impl Backend for MujocoBackend {
         expect_len("qpos", qpos.len(), self.num_envs() * nq)?;
         expect_len("qvel", qvel.len(), self.num_envs() * nv)?;
         let mut worker = self.workers[0].lock().unwrap_or_else(PoisonError::into_inner);
-        let rows = self.rows.chunks_exact(self.row).zip(&self.classes);
-        for (((row, &class), qpos), qvel) in
-            rows.zip(qpos.chunks_exact_mut(nq)).zip(qvel.chunks_exact_mut(nv))
-        {
-            worker.load(&self.table, class, row);
+        let states = qpos.chunks_exact_mut(nq).zip(qvel.chunks_exact_mut(nv));
+        for (row, (qpos, qvel)) in self.rows.chunks_exact(self.row).zip(states) {
+            worker.load(&self.table, row);
             qpos.copy_from_slice(worker.qpos());
             qvel.copy_from_slice(worker.qvel());
         }

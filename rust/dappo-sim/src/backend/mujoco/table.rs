@@ -6,7 +6,7 @@ use super::library::{Data, Model};
 use super::varied::VariedModel;
 use crate::error::SimError;
 
-/// The compiled models of all damage classes.
+/// The compiled models of all damage classes and their variants.
 pub struct ModelTable {
     models: Vec<Model>,
     disabled_touch: Vec<Vec<bool>>,
@@ -21,7 +21,7 @@ unsafe impl Send for ModelTable {}
 unsafe impl Sync for ModelTable {}
 
 impl ModelTable {
-    /// A table of `mjModel*` addresses, one a damage class, and the limbs whose touch signal each class disables.
+    /// A table of `mjModel*` addresses, and the limbs whose touch signal each class disables.
     ///
     /// # Safety
     /// Every address must be a valid `mjModel` for as long as `owner` lives, all of equal sizes.
@@ -31,9 +31,9 @@ impl ModelTable {
         state_spec: u32,
         owner: Box<dyn Any + Send + Sync>,
     ) -> Result<Self, SimError> {
-        if models.is_empty() || models.len() != disabled_touch.len() {
+        if disabled_touch.is_empty() || models.len() < disabled_touch.len() {
             return Err(SimError::Config(format!(
-                "a class table needs one model and one touch mask a class, got {} and {}",
+                "a class table needs a model and a touch mask of each class, got {} and {}",
                 models.len(),
                 disabled_touch.len()
             )));
@@ -45,17 +45,17 @@ impl ModelTable {
     /// Number of classes.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.models.len()
+        self.disabled_touch.len()
     }
 
     /// Whether the table has no class; never true.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.models.is_empty()
+        self.disabled_touch.is_empty()
     }
 
-    pub(super) fn model(&self, class: usize) -> Model {
-        self.models[class]
+    pub(super) fn model(&self, index: usize) -> Model {
+        self.models[index]
     }
 
     pub(super) fn disabled_touch(&self, class: usize) -> &[bool] {
@@ -105,7 +105,7 @@ pub struct WorkerFields {
     pub(super) sensordata: Array,
     pub(super) actuator_force: Array,
     pub(super) main_body_xpos: Array,
-    /// The worker's own models, one a class, where those of envs differ; empty otherwise.
+    /// The worker's own models where those of envs differ; empty otherwise.
     pub(super) models: Vec<VariedModel>,
     /// Addresses of the counters (`int`) of states that were beyond bounds.
     pub(super) divergences: [usize; 3],

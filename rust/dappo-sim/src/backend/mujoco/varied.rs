@@ -2,7 +2,7 @@
 
 use super::library::Model;
 use super::table::{Array, Field};
-use crate::task::Variation;
+use crate::task::{Jam, Variation};
 
 /// Numbers of an actuator in `actuator_gainprm` and `actuator_biasprm` (`mjNGAIN`, `mjNBIAS`).
 const PARAMETERS: usize = 10;
@@ -17,6 +17,7 @@ pub struct VariedModel {
     bias: Varied,
     force_range: Varied,
     gravity: Varied,
+    range: Varied,
 }
 
 /// An array and the numbers that were compiled.
@@ -40,15 +41,16 @@ impl Varied {
 
 impl VariedModel {
     /// Wraps the addresses of an `mjModel` and of its arrays `geom_friction`, `pair_friction`, `dof_damping`,
-    /// `dof_armature`, `actuator_gainprm`, `actuator_biasprm`, `actuator_forcerange` and `opt.gravity`.
+    /// `dof_armature`, `actuator_gainprm`, `actuator_biasprm`, `actuator_forcerange`, `opt.gravity` and `jnt_range`.
     ///
     /// # Safety
     /// `model` must be a valid `mjModel` that nothing else uses, and the fields its arrays, which stay where they are
     /// while this value lives.
     #[must_use]
-    pub unsafe fn new(model: usize, fields: [Field; 8]) -> Self {
-        let [geoms, pairs, damping, armature, gain, bias, force_range, gravity] = fields.map(Varied::new);
-        Self { model, friction: [geoms, pairs], damping, armature, gain, bias, force_range, gravity }
+    pub unsafe fn new(model: usize, fields: [Field; 9]) -> Self {
+        let [geoms, pairs, damping, armature, gain, bias, force_range, gravity, range] =
+            fields.map(Varied::new);
+        Self { model, friction: [geoms, pairs], damping, armature, gain, bias, force_range, gravity, range }
     }
 
     pub(super) fn model(&self) -> Model {
@@ -78,9 +80,21 @@ impl VariedModel {
                 _ => {}
             }
         }
-        let magnitude = self.gravity.compiled.iter().map(|g| g * g).sum::<f64>().sqrt();
-        for (number, direction) in self.gravity.array.get_mut().iter_mut().zip(variation.gravity) {
-            *number = magnitude * direction;
+        if let Some(direction) = variation.gravity {
+            let magnitude = self.gravity.compiled.iter().map(|g| g * g).sum::<f64>().sqrt();
+            for (number, direction) in self.gravity.array.get_mut().iter_mut().zip(direction) {
+                *number = magnitude * direction;
+            }
+        }
+    }
+
+    /// Moves the limits of jammed joints, rad.
+    pub(super) fn jam<'a>(&mut self, jammed: impl Iterator<Item = (&'a Jam, f64)>) {
+        let limits = self.range.array.get_mut();
+        for (jam, shift) in jammed {
+            for at in [2 * jam.joint, 2 * jam.joint + 1] {
+                limits[at] = self.range.compiled[at] + shift;
+            }
         }
     }
 }

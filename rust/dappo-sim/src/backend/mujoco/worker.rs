@@ -2,7 +2,6 @@
 
 use super::library::{Data, Model, MujocoLibrary};
 use super::table::{ModelTable, WorkerFields};
-use super::varied::VariedModel;
 use crate::backend::{Reset, out_of_bounds, velocity};
 use crate::error::SimError;
 use crate::task::{Signals, Task};
@@ -54,22 +53,17 @@ impl Worker {
     }
 
     /// Makes the data stand for the env whose state is `row`.
-    pub(super) fn load(&mut self, table: &ModelTable, class: usize, row: &[f64]) {
-        // SAFETY: model and data are valid and of equal sizes; the row holds `state_size` numbers.
+    pub(super) fn load(&mut self, table: &ModelTable, row: &[f64]) {
+        // SAFETY: model and data are valid and of equal sizes, as all models are; the row holds `state_size` numbers.
         unsafe {
-            (self.library.set_state)(self.model(table, class), self.data(), row.as_ptr(), table.state_spec);
+            (self.library.set_state)(table.model(0), self.data(), row.as_ptr(), table.state_spec);
         };
     }
 
-    fn store(&mut self, table: &ModelTable, class: usize, row: &mut [f64]) {
+    fn store(&mut self, table: &ModelTable, row: &mut [f64]) {
         // SAFETY: as in `load`.
         unsafe {
-            (self.library.get_state)(
-                self.model(table, class),
-                self.data(),
-                row.as_mut_ptr(),
-                table.state_spec,
-            );
+            (self.library.get_state)(table.model(0), self.data(), row.as_mut_ptr(), table.state_spec);
         };
         row[self.state_size] = self.main_body_x();
     }
@@ -84,10 +78,10 @@ impl Worker {
         obs: &mut [f32],
     ) {
         task.begin(self.memory(row), reset);
-        self.vary(task, reset.class, row);
-        self.clear(task, table, reset.class);
+        self.clear(task, table, reset.class, row);
         // `clear` left the default pose and no velocity.
         reset.scatter(task.reset, self.fields.qpos.get_mut(), self.fields.qvel.get_mut());
+        task.jam(self.memory(row), reset.class, self.qpos());
         self.begin(task, table, reset.class, row, obs);
     }
 
@@ -101,8 +95,7 @@ impl Worker {
         row: &mut [f64],
         obs: &mut [f32],
     ) {
-        self.vary(task, class, row);
-        self.clear(task, table, class);
+        self.clear(task, table, class, row);
         self.fields.qpos.get_mut().copy_from_slice(qpos);
         self.fields.qvel.get_mut().copy_from_slice(qvel);
         self.begin(task, table, class, row, obs);
@@ -117,30 +110,37 @@ impl Worker {
         row: &mut [f64],
         obs: &mut [f32],
     ) {
-        self.vary(task, class, row);
-        self.clear(task, table, class);
+        self.clear(task, table, class, row);
+        task.jam(self.memory(row), class, self.qpos());
         self.begin(task, table, class, row, obs);
     }
 
-    fn clear(&mut self, task: &Task, table: &ModelTable, class: usize) {
+    /// Lets the joints of a damage class jam that becomes active in the state `row`.
+    pub(super) fn jam(&mut self, task: &Task, table: &ModelTable, class: usize, row: &mut [f64]) {
+        self.load(table, row);
+        task.jam(self.memory(row), class, self.qpos());
+    }
+
+    fn clear(&mut self, task: &Task, table: &ModelTable, class: usize, row: &[f64]) {
+        let model = table.model(task.model(self.remembered(row), class));
         // SAFETY: model and data are valid and of equal sizes.
-        unsafe { (self.library.reset_data)(self.model(table, class), self.data()) };
+        unsafe { (self.library.reset_data)(model, self.data()) };
         if let Some(start) = task.start() {
             self.fields.qpos.get_mut().copy_from_slice(start);
         }
     }
 
-    /// The model of a class; the worker's own where those of envs differ.
-    fn model(&self, table: &ModelTable, class: usize) -> Model {
-        self.fields.models.get(class).map_or_else(|| table.model(class), VariedModel::model)
-    }
-
-    /// Gives the worker's own model of a class what is random about the env whose state is `row`.
-    fn vary(&mut self, task: &Task, class: usize, row: &[f64]) {
-        if let Some(variation) = task.variation(&row[self.state_size + 1..])
-            && let Some(model) = self.fields.models.get_mut(class)
-        {
-            model.vary(&variation);
+    /// The model of the env whose state is `row`: where those of envs differ, the worker's own, with what is random.
+    fn model(&mut self, task: &Task, table: &ModelTable, class: usize, row: &[f64]) -> Model {
+        let memory = self.remembered(row);
+        let index = task.model(memory, class);
+        match (task.variation(memory), self.fields.models.get_mut(index)) {
+            (Some(variation), Some(own)) => {
+                own.vary(&variation);
+                own.jam(task.jammed(memory, index));
+                own.model()
+            }
+            _ => table.model(index),
         }
     }
 
@@ -149,10 +149,15 @@ impl Worker {
         &mut row[self.state_size + 1..]
     }
 
+    fn remembered<'a>(&self, row: &'a [f64]) -> &'a [f64] {
+        &row[self.state_size + 1..]
+    }
+
     fn begin(&mut self, task: &Task, table: &ModelTable, class: usize, row: &mut [f64], obs: &mut [f32]) {
+        let model = self.model(task, table, class, row);
         // SAFETY: model and data are valid and of equal sizes.
-        unsafe { (self.library.forward)(self.model(table, class), self.data()) };
-        self.store(table, class, row);
+        unsafe { (self.library.forward)(model, self.data()) };
+        self.store(table, row);
         task.observe_first(self.memory(row), &self.signals(table, class, 0.0), obs);
     }
 
@@ -165,15 +170,14 @@ impl Worker {
         row: &mut [f64],
         action: &[f32],
     ) -> Option<f64> {
-        self.load(table, class, row);
-        self.vary(task, class, row);
+        self.load(table, row);
         let memory = self.memory(row);
         task.act(memory, action, self.fields.ctrl.get_mut());
         if let Some(change) = task.push(memory) {
             let velocities = self.fields.qvel.get_mut().iter_mut();
             velocities.zip(change).for_each(|(velocity, change)| *velocity += change);
         }
-        let (model, data) = (self.model(table, class), self.data());
+        let (model, data) = (self.model(task, table, class, row), self.data());
         for _ in 0..task.frame_skip {
             // SAFETY: model and data are valid and of equal sizes.
             unsafe { (self.library.step)(model, data) };
@@ -184,7 +188,7 @@ impl Worker {
         // SAFETY: as above. MuJoCo computes cfrc_ext on demand only.
         unsafe { (self.library.rne_post_constraint)(model, data) };
         let before = row[self.state_size];
-        self.store(table, class, row);
+        self.store(table, row);
         Some(velocity(task, before, self.main_body_x()))
     }
 

@@ -1,7 +1,7 @@
 //! A backend without physics: it counts, so that every number that a vector env returns is known.
 
 use dappo_sim::backend::{BackendSnapshot, ObsRows};
-use dappo_sim::task::{Anatomy, Task};
+use dappo_sim::task::{Anatomy, Task, Variants};
 use dappo_sim::{Backend, Layout, Physics, Reset, Robot, SimError, StepOutputs};
 
 /// Its robot.
@@ -54,6 +54,7 @@ impl Counter {
             touch_addresses: vec![],
             hidden_state: String::new(),
             anatomy: Anatomy::default(),
+            variants: Variants::default(),
         };
         let task = Task::new(robot, &layout, None, false).unwrap();
         Self { task, rows: vec![0.0; envs * ROW], classes: vec![0; envs], table }
