@@ -8,7 +8,7 @@ use dappo_learn::walk::{KnownClasses, Trial};
 use dappo_nn::error::check_length;
 use serde::Serialize;
 
-use super::class::{average, speed, struck};
+use super::class::{average, pace, struck};
 use super::{ClassOutcome, Contest};
 
 /// The outcome of a trial.
@@ -16,11 +16,11 @@ use super::{ClassOutcome, Contest};
 pub struct AdaptationSummary {
     /// One entry a class, in the order of the trial.
     pub classes: Vec<ClassOutcome>,
-    /// Share of the healthy episodes without any suspicion, if there are some.
+    /// Share of the healthy episodes without any alarm, if there are some.
     pub healthy_without_alarm: Option<f64>,
-    /// Episodes of damages that cost more than half of the speed when nothing is done about them.
+    /// Episodes of damages that cost more than half of the speed, or of the tracking, when nothing is done about them.
     pub severe_episodes: usize,
-    /// Share of them in which damage was suspected.
+    /// Share of them with an alarm after the damage.
     pub severe_detected: Option<f64>,
     /// Median number of steps that this took.
     pub severe_median_delay: Option<f64>,
@@ -34,11 +34,11 @@ pub struct AdaptationSummary {
     pub stood_still: Option<f64>,
     /// Share of them that ended in failure.
     pub fell: Option<f64>,
-    /// Speed over the last 200 steps with the damages that have a code, as a share of the oracle's.
+    /// Speed, or tracking, over the last 200 steps with the damages that have a code, as a share of the oracle's.
     pub kept_of_oracle: Option<f64>,
-    /// The same as a share of the speed before the damage.
+    /// The same as a share of that before the damage.
     pub kept_of_healthy: Option<f64>,
-    /// Mean forward reward over the damages that have a code, as a share of the oracle's.
+    /// Mean score over the damages that have a code, as a share of the oracle's.
     pub adapted_share: Option<f64>,
     /// The same of the policy with the code of a healthy robot.
     pub no_adaptation_share: Option<f64>,
@@ -91,11 +91,12 @@ impl AdaptationSummary {
         }
         let mut classes = Vec::with_capacity(trial.classes.len());
         let (mut severe, mut delays) = (0, Vec::new());
+        let steps = contest.no_adaptation.episodes.iter().map(|episode| episode.steps).max().unwrap_or(0);
         for (row, &class) in trial.classes.iter().enumerate() {
             let (outcome, episodes) = ClassOutcome::new(trial, row, known, contest);
             let struck = struck(trial, row, &contest.adapted);
-            let slowed = average(&contest.no_adaptation, &struck, speed);
-            if class != 0 && slowed < 0.5 * outcome.velocity_before {
+            let slowed = average(&contest.no_adaptation, &struck, |episode| pace(episode, steps));
+            if class != 0 && slowed < 0.5 * outcome.before() {
                 severe += struck.len();
                 delays.extend(episodes.iter().filter_map(|episode| episode.delay));
             }
@@ -123,7 +124,7 @@ impl AdaptationSummary {
         let total = |of: Value<'_>| -> Option<f64> { known.iter().map(|outcome| of(outcome)).sum() };
         let ratio = |of: Value<'_>, to: Value<'_>| Some(total(of)? / total(to).filter(|to| *to > 0.0)?);
         let of_oracle = |reward: Value<'_>| ratio(reward, &|outcome| outcome.oracle);
-        let kept = |outcome: &ClassOutcome| Some(outcome.velocity_kept);
+        let kept = |outcome: &ClassOutcome| Some(outcome.kept());
         Self {
             healthy_without_alarm: share(&healthy, &|outcome| outcome.episodes - outcome.false_alarms),
             severe_episodes,
@@ -134,8 +135,8 @@ impl AdaptationSummary {
             recovered: share(&known, &|outcome| outcome.recovered),
             stood_still: share(&damaged, &|outcome| outcome.stood_still),
             fell: share(&damaged, &|outcome| outcome.falls),
-            kept_of_oracle: ratio(&kept, &|outcome| outcome.oracle_velocity_kept),
-            kept_of_healthy: ratio(&kept, &|outcome| Some(outcome.velocity_before)),
+            kept_of_oracle: ratio(&kept, &ClassOutcome::oracle_kept),
+            kept_of_healthy: ratio(&kept, &|outcome| Some(outcome.before())),
             adapted_share: of_oracle(&|outcome| Some(outcome.adapted)),
             no_adaptation_share: of_oracle(&|outcome| Some(outcome.no_adaptation)),
             unaware_share: of_oracle(&|outcome| outcome.unaware),
@@ -153,7 +154,7 @@ impl AdaptationSummary {
     /// The classes as CSV with a header line.
     #[must_use]
     pub fn csv(&self) -> String {
-        let columns = [
+        let mut columns = vec![
             "class",
             "name",
             "episodes",
@@ -177,12 +178,16 @@ impl AdaptationSummary {
             "no_adaptation",
             "unaware",
         ];
+        let has_commands = self.classes.iter().any(|class| class.tracking.is_some());
+        if has_commands {
+            columns.extend(["tracking_before", "tracking_kept", "oracle_tracking_kept"]);
+        }
         let optional = |value: Option<f64>, decimals| {
             value.map_or_else(String::new, |value| format!("{value:.decimals$}"))
         };
         let row = |c: &ClassOutcome| {
             let assumed = c.assumed.iter().map(|assumed| format!("{} {}", assumed.name, assumed.episodes));
-            vec![
+            let mut row = vec![
                 c.class.to_string(),
                 c.name.clone(),
                 c.episodes.to_string(),
@@ -205,7 +210,13 @@ impl AdaptationSummary {
                 optional(c.oracle, 2),
                 format!("{:.2}", c.no_adaptation),
                 optional(c.unaware, 2),
-            ]
+            ];
+            if let Some(tracking) = c.tracking {
+                row.push(format!("{:.4}", tracking.before));
+                row.push(format!("{:.4}", tracking.kept));
+                row.push(optional(tracking.oracle_kept, 4));
+            }
+            row
         };
         table(&columns, self.classes.iter().map(row))
     }

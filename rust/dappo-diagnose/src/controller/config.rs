@@ -1,10 +1,12 @@
 //! Settings of the run-time loop.
 
 use dappo_learn::config::{Assignment, Layers};
-use dappo_learn::error::Result;
+use dappo_learn::error::{LearnError, Result};
 use dappo_learn::faults::Faults;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr, VariantNames};
+
+use crate::{Description, Method};
 
 /// Steps of a window at most, which is kept for every robot.
 const MOST_WINDOW: u64 = 1_000_000;
@@ -22,14 +24,18 @@ pub enum Trigger {
     Residual,
     /// The robot walks too slowly for the assumed class.
     Speed,
+    /// The diagnoser sees another class than the assumed one in the last observations, again and again. Needs neither a
+    /// twin nor a diagnosis window, but a diagnoser of the observation alone (method A).
+    Observation,
 }
 
 /// When a controller suspects damage and which diagnoses it accepts. Times are in control steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ControllerConfig {
-    /// What makes it suspect damage.
-    pub trigger: Trigger,
+    /// What makes it suspect damage; by default `residual`, or `observation` with a diagnoser that has no twin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trigger: Option<Trigger>,
     /// Steps over which the forward velocity is averaged.
     pub speed_window: usize,
     /// Share of the expected forward velocity below which a robot is too slow.
@@ -48,12 +54,16 @@ pub struct ControllerConfig {
     /// no closer to the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a
     /// diagnoser whose twins are re-synchronised before every step.
     pub probation: usize,
+    /// Steps from one diagnosis to the next, with the trigger `observation`.
+    pub diagnose_every: usize,
+    /// Consecutive diagnoses of one class after which it is assumed, with the trigger `observation`.
+    pub agreement: usize,
 }
 
 impl Default for ControllerConfig {
     fn default() -> Self {
         Self {
-            trigger: Trigger::Residual,
+            trigger: None,
             speed_window: 50,
             speed_fraction: 0.5,
             residual_window: 10,
@@ -61,6 +71,8 @@ impl Default for ControllerConfig {
             cooldown: 50,
             confidence: 0.5,
             probation: 10,
+            diagnose_every: 5,
+            agreement: 3,
         }
     }
 }
@@ -73,11 +85,37 @@ impl ControllerConfig {
         Ok(config)
     }
 
+    /// These settings with the trigger that this diagnoser is used with; fails if it cannot be used with theirs.
+    pub fn resolved(self, diagnoser: &Description) -> Result<Self> {
+        let fault = match (self.trigger, diagnoser.twin, diagnoser.method) {
+            (None, Some(_), _) => return Ok(Self { trigger: Some(Trigger::Residual), ..self }),
+            (None, None, _) => return Ok(Self { trigger: Some(Trigger::Observation), ..self }),
+            (Some(Trigger::Observation), _, Method::A) | (Some(Trigger::Residual | Trigger::Speed), Some(_), _) => {
+                return Ok(self);
+            }
+            (Some(Trigger::Observation), _, method) => format!(
+                "the trigger `observation` diagnoses observations alone, but the diagnoser compares robots with twins \
+                 (method {}); train one with the method A",
+                method.name()
+            ),
+            (Some(trigger), None, _) => format!(
+                "the diagnoser was trained on records without twins (preset `observation`), and the trigger `{}` \
+                 needs one with twins; leave out the trigger, or choose `observation`",
+                <&str>::from(trigger)
+            ),
+        };
+        Err(LearnError::Invalid(fault))
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();
-        for (key, window) in [("speed_window", self.speed_window), ("residual_window", self.residual_window)]
-        {
+        for (key, window) in [
+            ("speed_window", self.speed_window),
+            ("residual_window", self.residual_window),
+            ("diagnose_every", self.diagnose_every),
+            ("agreement", self.agreement),
+        ] {
             faults.count(key, window as u64, MOST_WINDOW);
         }
         for (key, steps) in [("cooldown", self.cooldown), ("probation", self.probation)] {

@@ -58,11 +58,11 @@ impl Suspicion {
             residual: upper_median(self.residuals.iter().copied()),
         };
         let suspected = match config.trigger {
-            Trigger::Speed => {
+            Some(Trigger::Speed) => {
                 let is_full = self.velocities.len() == config.speed_window;
                 is_full.then_some(evidence.forward_velocity < config.speed_fraction * expected)
             }
-            Trigger::Residual => {
+            _ => {
                 let is_full = self.residuals.len() == config.residual_window;
                 evidence.residual.filter(|_| is_full).map(|residual| residual > config.residual_threshold)
             }
@@ -100,7 +100,7 @@ mod tests {
 
     fn config(trigger: Trigger) -> ControllerConfig {
         ControllerConfig {
-            trigger,
+            trigger: Some(trigger),
             speed_window: 4,
             speed_fraction: 0.5,
             residual_window: 5,

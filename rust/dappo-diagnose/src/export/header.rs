@@ -130,7 +130,8 @@ pub struct TwinHeader {
     pub touch_sensors: Vec<String>,
     /// Body whose way along x in a control step, divided by the control period, is the forward velocity.
     pub forward_velocity: String,
-    /// Whose actions the twin takes during a diagnosis window; nothing for a policy alone, as in the following entries.
+    /// Whose actions the twin takes during a diagnosis window; nothing for a policy alone and for a diagnoser without a
+    /// twin, as in the following entries.
     pub action: Option<TwinAction>,
     /// Steps of a diagnosis window after which the twin is re-synchronised; 0 = only at the start.
     pub resync: Option<u32>,
@@ -243,6 +244,9 @@ impl ExportHeader {
     #[must_use]
     pub fn text(&self) -> String {
         let what = match &self.diagnoser {
+            Some(diagnoser) if self.twin.action.is_none() => {
+                format!("the last {} observations without a twin", diagnoser.timesteps)
+            }
             Some(diagnoser) => format!("a window of {} steps", diagnoser.timesteps),
             None => "a policy without a diagnoser".to_owned(),
         };
@@ -261,9 +265,11 @@ impl ExportHeader {
         let missing = |what: &str| {
             LearnError::Invalid(format!("the header does not contain the mode of the twin: `{what}`"))
         };
-        let twin = Twin {
-            action: self.twin.action.ok_or_else(|| missing("action"))?,
-            resync: self.twin.resync.ok_or_else(|| missing("resync"))?,
+        let twin = match (self.twin.action, self.twin.resync) {
+            (Some(action), Some(resync)) => Some(Twin { action, resync }),
+            (None, None) if diagnoser.method == Method::A => None,
+            (None, _) => return Err(missing("action")),
+            (_, None) => return Err(missing("resync")),
         };
         Ok(Description {
             method: diagnoser.method,

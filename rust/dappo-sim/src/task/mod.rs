@@ -207,6 +207,21 @@ impl Task {
         tracking(&self.rewards).map(|(index, term)| (index, term.weight))
     }
 
+    /// What this term would be for a robot at rest with this command, without its weight.
+    ///
+    /// # Shapes
+    /// command `[command_len]`
+    #[must_use]
+    pub fn tracking_at_rest(&self, command: &[f64]) -> Option<f64> {
+        match tracking(&self.rewards)?.1.measure {
+            Measure::TrackLinVel { std } => {
+                let squares: f64 = command.iter().take(2).map(|velocity| velocity.powi(2)).sum();
+                Some((-squares / (std * std)).exp())
+            }
+            _ => None,
+        }
+    }
+
     /// Terms of the observation that Python functions compute: the function, and which entries it writes.
     pub fn python_observations(&self) -> impl Iterator<Item = (&str, std::ops::Range<usize>)> {
         let critic = self.critic.iter().flat_map(ObservationGroup::blocks);

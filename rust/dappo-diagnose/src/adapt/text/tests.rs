@@ -49,6 +49,7 @@ fn healthy() -> ClassOutcome {
         velocity_before: 2.0,
         velocity_kept: 1.5,
         oracle_velocity_kept: Some(2.0),
+        tracking: None,
         adapted: 1500.0,
         oracle: Some(2000.0),
         no_adaptation: 2000.0,
