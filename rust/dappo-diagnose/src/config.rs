@@ -201,7 +201,7 @@ mod tests {
         check_names::<Method>(&["A", "B", "C", "D"]);
         check_names::<Head>(&["classes", "limbs"]);
         check_names::<TwinAction>(&["own", "shared"]);
-        check_names::<Trigger>(&["residual", "speed"]);
+        check_names::<Trigger>(&["residual", "speed", "observation"]);
     }
 
     #[test]

@@ -39,10 +39,9 @@ impl Preset {
         match self {
             Self::Paper => Protocol { timing: Timing::default(), twin: Some(Twin::default()) },
             Self::Runtime => Protocol { timing: mid_episode, twin: Some(Twin::default()) },
-            Self::Residual => Protocol {
-                timing: mid_episode,
-                twin: Some(Twin { action: TwinAction::Shared, resync: 1 }),
-            },
+            Self::Residual => {
+                Protocol { timing: mid_episode, twin: Some(Twin { action: TwinAction::Shared, resync: 1 }) }
+            }
             Self::Observation => {
                 let (onset, delay) = (Span { first: 50, last: 200 }, Span { first: 5, last: 150 });
                 Protocol { timing: Timing { onset, delay }, twin: None }

@@ -174,7 +174,8 @@ impl PyController {
             ));
         }
         let rows = obs.as_slice().map_err(not_contiguous)?;
-        let velocities = velocities.map_or(Ok(&[][..]), |velocities| velocities.as_slice()).map_err(not_contiguous)?;
+        let velocities =
+            velocities.map_or(Ok(&[][..]), |velocities| velocities.as_slice()).map_err(not_contiguous)?;
         let Self { controller, pool, .. } = self;
         let actions = pool.run(py, || controller.act(rows, velocities))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])

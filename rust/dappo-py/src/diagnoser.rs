@@ -98,7 +98,8 @@ impl PyDiagnoser {
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let [robots, steps, _] = *actions.shape() else { return Err(shapes(&obs, &actions)) };
         if self.diagnoser.description().twin.is_none() {
-            let message = "the diagnoser was trained on records without twins (preset `observation`) and has none";
+            let message =
+                "the diagnoser was trained on records without twins (preset `observation`) and has none";
             return Err(raise(Kind::Config, message));
         }
         let windows = self.windows(py, &obs, &actions)?;

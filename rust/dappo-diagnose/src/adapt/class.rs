@@ -49,9 +49,9 @@ pub struct ClassOutcome {
     pub velocity_kept: f64,
     /// The same of the oracle; `None` for damage without a code of its own.
     pub oracle_velocity_kept: Option<f64>,
-    /// How commands were tracked; `None` for a task without commands.
+    /// How commands were tracked.
     #[serde(flatten)]
-    pub tracking: Option<Tracking>,
+    pub tracking: Tracking,
     /// Score of the controller.
     pub adapted: f64,
     /// Score of the policy with the code of the active damage; `None` for damage without a code.
@@ -62,16 +62,16 @@ pub struct ClassOutcome {
     pub unaware: Option<f64>,
 }
 
-/// How commands were tracked, from 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+/// How commands were tracked, from 0 to 1; nothing for a task without commands.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Tracking {
     /// Before the damage.
     #[serde(rename = "tracking_before")]
-    pub before: f64,
+    pub before: Option<f64>,
     /// Over the last 200 steps; a fallen robot has 0.
     #[serde(rename = "tracking_kept")]
-    pub kept: f64,
-    /// The same of the oracle; `None` for damage without a code of its own.
+    pub kept: Option<f64>,
+    /// The same of the oracle; `None` for damage without a code of its own, too.
     #[serde(rename = "oracle_tracking_kept")]
     pub oracle_kept: Option<f64>,
 }
@@ -89,22 +89,28 @@ pub struct AssumedClass {
 type Series = fn(&Episode) -> &[f64];
 
 impl ClassOutcome {
+    /// Whether the scores are trackings.
+    #[must_use]
+    pub fn has_commands(&self) -> bool {
+        self.tracking.before.is_some()
+    }
+
     /// Score before the damage, a step.
     #[must_use]
     pub fn before(&self) -> f64 {
-        self.tracking.map_or(self.velocity_before, |tracking| tracking.before)
+        self.tracking.before.unwrap_or(self.velocity_before)
     }
 
     /// Score over the last 200 steps, a step; a fallen robot has 0.
     #[must_use]
     pub fn kept(&self) -> f64 {
-        self.tracking.map_or(self.velocity_kept, |tracking| tracking.kept)
+        self.tracking.kept.unwrap_or(self.velocity_kept)
     }
 
     /// The same of the oracle.
     #[must_use]
     pub fn oracle_kept(&self) -> Option<f64> {
-        self.tracking.map_or(self.oracle_velocity_kept, |tracking| tracking.oracle_kept)
+        if self.has_commands() { self.tracking.oracle_kept } else { self.oracle_velocity_kept }
     }
 
     /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
@@ -121,15 +127,15 @@ impl ClassOutcome {
         let series = |of: Series| {
             let before = |episode: &Episode| mean(of(episode).iter().take(episode.onset).copied());
             let keeps = |episode: &Episode| kept(episode, of(episode));
-            Tracking {
-                before: average(&contest.adapted, &struck, before),
-                kept: average(&contest.adapted, &struck, keeps),
-                oracle_kept: known.map(|_| average(&contest.oracle, &struck, keeps)),
-            }
+            let kept = average(&contest.adapted, &struck, keeps);
+            let oracle = known.map(|_| average(&contest.oracle, &struck, keeps));
+            (average(&contest.adapted, &struck, before), kept, oracle)
         };
         let has_commands = contest.adapted.episodes.iter().any(|episode| !episode.trackings.is_empty());
         let (velocity, score) = (series(|episode| &episode.velocities), series(scores));
-        let reference = Reference { oracle: score.oracle_kept, before: score.before };
+        let (before, kept, oracle_kept) = score;
+        let reference = Reference { oracle: oracle_kept, before };
+        let tracking = Tracking { before: Some(before), kept: Some(kept), oracle_kept };
         let adapted = || struck.iter().map(|&episode| &contest.adapted.episodes[episode]);
         let outcomes: Vec<EpisodeOutcome> =
             adapted().map(|episode| EpisodeOutcome::new(episode, reference)).collect();
@@ -154,10 +160,10 @@ impl ClassOutcome {
             median_recovery: median(steps(|outcome| outcome.recovery)),
             falls: adapted().filter(|episode| episode.fell).count(),
             stood_still: count(&|outcome| outcome.stands_still),
-            velocity_before: velocity.before,
-            velocity_kept: velocity.kept,
-            oracle_velocity_kept: velocity.oracle_kept,
-            tracking: has_commands.then_some(score),
+            velocity_before: velocity.0,
+            velocity_kept: velocity.1,
+            oracle_velocity_kept: velocity.2,
+            tracking: if has_commands { tracking } else { Tracking::default() },
             adapted: after(&contest.adapted),
             oracle: known.map(|_| after(&contest.oracle)),
             no_adaptation: after(&contest.no_adaptation),
@@ -201,6 +207,7 @@ fn reward(episode: &Episode) -> f64 {
 /// `steps` of an episode.
 pub(super) fn pace(episode: &Episode, steps: usize) -> f64 {
     let Some(rest) = scores(episode).get(episode.onset..).filter(|rest| !rest.is_empty()) else { return 0.0 };
-    let counted = if episode.trackings.is_empty() { rest.len() } else { rest.len().max(steps - episode.onset) };
+    let counted =
+        if episode.trackings.is_empty() { rest.len() } else { rest.len().max(steps - episode.onset) };
     rest.iter().sum::<f64>() / counted as f64
 }

@@ -191,7 +191,10 @@ mod tests {
         // Nor does a robot that falls, which does not stand still either.
         let fallen = Episode { fell: true, ..walk(3, adapted()) };
         let outcome = EpisodeOutcome::new(&fallen, reference);
-        assert_eq!((outcome.recovery, outcome.stands_still, kept(&fallen, &fallen.velocities)), (None, false, 0.0));
+        assert_eq!(
+            (outcome.recovery, outcome.stands_still, kept(&fallen, &fallen.velocities)),
+            (None, false, 0.0)
+        );
     }
 
     #[test]
@@ -212,5 +215,37 @@ mod tests {
         let late = vec![event(300, suspected())];
         let outcome = EpisodeOutcome::new(&walk(0, late), reference);
         assert_eq!((outcome.false_alarm, outcome.delay), (true, None));
+    }
+
+    #[test]
+    fn a_diagnosis_of_a_controller_that_suspects_nothing_before_is_the_alarm() {
+        let reference = Reference { oracle: Some(1.0), before: 1.0 };
+        let change = |step, class| [event(step, diagnosed(class)), event(step, EventKind::Adapted { class })];
+        let outcome = EpisodeOutcome::new(&walk(3, [change(115, 2), change(125, 3)].concat()), reference);
+        assert_eq!((outcome.false_alarm, outcome.delay, outcome.first_diagnosis), (false, Some(15), Some(2)));
+        assert_eq!((outcome.assumed, outcome.diagnosis_windows), (3, 2));
+        let outcome = EpisodeOutcome::new(&walk(0, [change(30, 2), change(50, 0)].concat()), reference);
+        assert_eq!((outcome.false_alarm, outcome.delay, outcome.assumed), (true, None, 0));
+    }
+
+    #[test]
+    fn a_robot_with_commands_stands_still_if_it_tracks_them_like_one_at_rest() {
+        let outcome = |tracking: f64, at_rest: f64, fell| {
+            let steps = |value| vec![value; 400];
+            let episode = Episode {
+                trackings: steps(tracking),
+                at_rest: steps(at_rest),
+                fell,
+                ..walk(3, vec![event(120, EventKind::Adapted { class: 3 })])
+            };
+            EpisodeOutcome::new(&episode, Reference { oracle: Some(0.8), before: 0.9 })
+        };
+        // At rest it would track 0.4, so that 0.46 is a tenth of what walking can add.
+        assert!(outcome(0.45, 0.4, false).stands_still && !outcome(0.47, 0.4, false).stands_still);
+        // It is commanded to stand, or has fallen.
+        assert!(!outcome(0.95, 1.0, false).stands_still && !outcome(0.45, 0.4, true).stands_still);
+        // Four fifths of the oracle's tracking are 0.64, in the first 50 steps after the diagnosis in step 120.
+        assert_eq!(outcome(0.65, 0.4, false).recovery, Some(70));
+        assert_eq!(outcome(0.63, 0.4, false).recovery, None);
     }
 }

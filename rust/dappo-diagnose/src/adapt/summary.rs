@@ -9,7 +9,7 @@ use dappo_nn::error::check_length;
 use serde::Serialize;
 
 use super::class::{average, pace, struck};
-use super::{ClassOutcome, Contest};
+use super::{ClassOutcome, Contest, Tracking};
 
 /// The outcome of a trial.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -178,7 +178,7 @@ impl AdaptationSummary {
             "no_adaptation",
             "unaware",
         ];
-        let has_commands = self.classes.iter().any(|class| class.tracking.is_some());
+        let has_commands = self.classes.iter().any(ClassOutcome::has_commands);
         if has_commands {
             columns.extend(["tracking_before", "tracking_kept", "oracle_tracking_kept"]);
         }
@@ -211,10 +211,9 @@ impl AdaptationSummary {
                 format!("{:.2}", c.no_adaptation),
                 optional(c.unaware, 2),
             ];
-            if let Some(tracking) = c.tracking {
-                row.push(format!("{:.4}", tracking.before));
-                row.push(format!("{:.4}", tracking.kept));
-                row.push(optional(tracking.oracle_kept, 4));
+            if has_commands {
+                let Tracking { before, kept, oracle_kept } = c.tracking;
+                row.extend([before, kept, oracle_kept].map(|tracking| optional(tracking, 4)));
             }
             row
         };
@@ -391,5 +390,44 @@ mod tests {
         assert!((class.adapted - 45.0).abs() < 1e-9);
         assert!((summary.unaware_share.unwrap() - 0.2).abs() < 1e-12);
         assert_eq!(summary.healthy_without_alarm, None);
+    }
+
+    #[test]
+    fn outcomes_of_a_task_with_commands_are_trackings_and_a_fall_ends_them() {
+        let tracked = |after: f64, steps: usize, fell| Episode {
+            trackings: [vec![0.8; 10], vec![after; steps - 10]].concat(),
+            at_rest: vec![0.3; steps],
+            velocities: vec![0.0; steps],
+            fell,
+            steps,
+            ..walk(1, 0.0, 0.0, None)
+        };
+        let walks = |episodes| Walks { episodes, decision_seconds: Vec::new() };
+        let contest = Contest {
+            adapted: walks(vec![tracked(0.6, 100, false), tracked(0.7, 55, true)]),
+            oracle: walks(vec![tracked(0.8, 100, false); 2]),
+            // 0.7 of 45 of the 90 steps after the damage is 0.35 a step, less than half of the 0.8 before.
+            no_adaptation: walks(vec![tracked(0.7, 55, true), tracked(0.35, 100, false)]),
+            unaware: None,
+        };
+        let known = all_known(&["healthy", "broken"]);
+        let summary = AdaptationSummary::new(&trial(vec![1], 2), &known, &contest).unwrap();
+        let Tracking { before, kept, oracle_kept } = summary.classes[0].tracking;
+        for (got, expected) in
+            [(before, 0.8), (kept, 0.3), (oracle_kept, 0.8), (summary.kept_of_oracle, 0.375)]
+        {
+            assert!((got.unwrap() - expected).abs() < 1e-12, "{got:?}, expected {expected}");
+        }
+        // (90 · 0.6 + 45 · 0.7) / (2 · 90 · 0.8)
+        assert!((summary.adapted_share.unwrap() - 85.5 / 144.0).abs() < 1e-12);
+        assert_eq!((summary.severe_episodes, summary.classes[0].stood_still), (2, 0));
+        let csv = summary.csv();
+        assert!(
+            csv.lines()
+                .next()
+                .unwrap()
+                .ends_with(",unaware,tracking_before,tracking_kept,oracle_tracking_kept")
+        );
+        assert!(csv.lines().nth(1).unwrap().ends_with(",0.8000,0.3000,0.8000"), "{csv}");
     }
 }

@@ -86,7 +86,7 @@ impl AdaptationSummary {
     }
 
     fn has_commands(&self) -> bool {
-        self.classes.iter().any(|class| class.tracking.is_some())
+        self.classes.iter().any(ClassOutcome::has_commands)
     }
 
     /// The means over all classes.
@@ -141,9 +141,10 @@ impl ClassOutcome {
     /// The numbers of a single class.
     fn text(&self, trial: &Trial, control_period: f64) -> String {
         let of = |count: usize| format!("{count} of {}", self.episodes);
-        let (what, unit, sums) = match self.tracking {
-            Some(_) => ("tracking of the commands", "", "tracking, summed over the steps"),
-            None => ("forward velocity", " m/s", "forward reward and distance"),
+        let (what, unit, sums) = if self.has_commands() {
+            ("tracking of the commands", "", "tracking, summed over the steps")
+        } else {
+            ("forward velocity", " m/s", "forward reward and distance")
         };
         let left_out = match self.ended_before_onset {
             0 => String::new(),
@@ -156,7 +157,7 @@ impl ClassOutcome {
             format!(
                 "  recovered (diagnosed, and at least 80 % of the oracle's {} at the end): {}, \
                  after {} steps (median)\n",
-                if self.tracking.is_some() { "tracking" } else { "speed" },
+                if self.has_commands() { "tracking" } else { "speed" },
                 of(self.recovered),
                 steps(self.median_recovery)
             )
@@ -170,9 +171,10 @@ impl ClassOutcome {
             ("PPO-Unaware", self.unaware),
         ];
         let rewards = rewards.into_iter().filter_map(|(name, reward)| {
-            reward.map(|reward| match self.tracking {
-                Some(_) => format!("  {reward:>10.1}  {name}\n"),
-                None => format!("  {reward:>10.1} {:>8.1} m  {name}\n", reward * control_period),
+            reward.map(|reward| {
+                let meters = format!(" {:>8.1} m", reward * control_period);
+                let meters = if self.has_commands() { "" } else { &meters };
+                format!("  {reward:>10.1}{meters}  {name}\n")
             })
         });
         [

@@ -9,8 +9,8 @@ use dappo_sim::backend::{Backend, Reset};
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::{CollectConfig, Recorder};
-use crate::dataset::Record;
 use crate::Timing;
+use crate::dataset::Record;
 
 /// The robots of `block` rollouts, one for each damage class.
 ///

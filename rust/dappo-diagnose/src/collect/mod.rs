@@ -154,7 +154,8 @@ pub fn collect(
     // An earlier command may have collected more than this one requests.
     for next in keys.get(part.count()..).unwrap_or_default().chunks(block) {
         // The disk takes one block while the next is simulated.
-        let (simulated, appended) = rayon::join(|| simulate(recorder.as_mut(), block, next), || part.append(&ready));
+        let (simulated, appended) =
+            rayon::join(|| simulate(recorder.as_mut(), block, next), || part.append(&ready));
         appended?;
         ready = simulated?;
         observer.collected(part.count(), keys.len());
@@ -176,7 +177,8 @@ fn recorder<'a>(
     policy: Option<&'a RunPolicy>,
     block: usize,
 ) -> Result<Box<dyn Recorder + 'a>> {
-    let robots = factory.backend(block * factory.space().classes().len(), None, factory.evaluation_physics())?;
+    let robots =
+        factory.backend(block * factory.space().classes().len(), None, factory.evaluation_physics())?;
     for one in [expert, policy.unwrap_or(expert)] {
         let (got, expected) = (one.policy.obs_dim(), robots.task().obs_dim());
         if got != expected {
@@ -188,7 +190,9 @@ fn recorder<'a>(
         }
     }
     Ok(match config.protocol.twin {
-        Some(twin) => Box::new(Pairs::new(config, twin, factory, [expert, policy.unwrap_or(expert)], robots)?),
+        Some(twin) => {
+            Box::new(Pairs::new(config, twin, factory, [expert, policy.unwrap_or(expert)], robots)?)
+        }
         None => Box::new(Alone::new(config, factory.space(), expert, robots)),
     })
 }

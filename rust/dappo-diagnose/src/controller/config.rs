@@ -90,7 +90,8 @@ impl ControllerConfig {
         let fault = match (self.trigger, diagnoser.twin, diagnoser.method) {
             (None, Some(_), _) => return Ok(Self { trigger: Some(Trigger::Residual), ..self }),
             (None, None, _) => return Ok(Self { trigger: Some(Trigger::Observation), ..self }),
-            (Some(Trigger::Observation), _, Method::A) | (Some(Trigger::Residual | Trigger::Speed), Some(_), _) => {
+            (Some(Trigger::Observation), _, Method::A)
+            | (Some(Trigger::Residual | Trigger::Speed), Some(_), _) => {
                 return Ok(self);
             }
             (Some(Trigger::Observation), _, method) => format!(
@@ -127,5 +128,53 @@ impl ControllerConfig {
         let confidence = self.confidence;
         faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
         Ok(faults.end()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dappo_nn::Standardizer;
+
+    use super::*;
+    use crate::{Head, Subject, Twin};
+
+    fn diagnoser(method: Method, twin: Option<Twin>) -> Description {
+        Description {
+            method,
+            timesteps: 1,
+            obs_dim: 1,
+            action_dim: 1,
+            head: Head::Classes,
+            embedding: 1,
+            lstm: 1,
+            hidden: Vec::new(),
+            held_out: Vec::new(),
+            twin,
+            subject: Subject { robot: "toy".into(), class_names: Vec::new(), codes: Vec::new() },
+            standardizer: Standardizer::of(vec![0.0], vec![1.0]).unwrap(),
+        }
+    }
+
+    #[test]
+    fn the_trigger_is_that_of_the_diagnoser_unless_another_one_can_be_used() {
+        let twin = Some(Twin::default());
+        let resolve = |trigger, method, twin| {
+            let config = ControllerConfig { trigger, ..ControllerConfig::default() };
+            config.resolved(&diagnoser(method, twin)).map(|config| config.trigger)
+        };
+        let becomes = |trigger, method, twin| resolve(trigger, method, twin).unwrap().unwrap();
+        assert_eq!(becomes(None, Method::B, twin), Trigger::Residual);
+        assert_eq!(becomes(None, Method::A, twin), Trigger::Residual);
+        assert_eq!(becomes(None, Method::A, None), Trigger::Observation);
+        assert_eq!(becomes(Some(Trigger::Speed), Method::C, twin), Trigger::Speed);
+        assert_eq!(becomes(Some(Trigger::Observation), Method::A, twin), Trigger::Observation);
+        for (trigger, method, twin, why) in [
+            (Trigger::Observation, Method::C, twin, "(method C); train one with the method A"),
+            (Trigger::Residual, Method::A, None, "the trigger `residual` needs one with twins"),
+            (Trigger::Speed, Method::A, None, "the trigger `speed` needs one with twins"),
+        ] {
+            let message = resolve(Some(trigger), method, twin).unwrap_err().to_string();
+            assert!(message.contains(why), "{message}");
+        }
     }
 }

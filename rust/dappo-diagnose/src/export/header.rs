@@ -314,7 +314,7 @@ mod tests {
 
     use super::*;
 
-    fn header(diagnoser: &Value) -> ExportHeader {
+    fn header(diagnoser: &Value, action: &Value) -> ExportHeader {
         let file = |bytes: u64| json!({"bytes": bytes, "sha256": "0"});
         let class = |name: &str| json!({"name": name, "code": [0], "baseline": null});
         let header = json!({
@@ -334,7 +334,7 @@ mod tests {
             "diagnoser": diagnoser,
             "twin": {
                 "mjcf": "robot.xml", "mujoco": "3.0", "integrator": "RK4", "frame_skip": 5, "action_scale": 1.0,
-                "observation": [], "touch_sensors": [], "forward_velocity": "torso", "action": null, "resync": null,
+                "observation": [], "touch_sensors": [], "forward_velocity": "torso", "action": action, "resync": 0,
                 "residual_scale": null,
             },
             "sources": {
@@ -356,11 +356,13 @@ mod tests {
         });
         let files =
             "  policy.safetensors                7 bytes\n  robot.xml                     12345 bytes\n";
-        for (diagnoser, what) in
-            [(diagnoser, "a window of 50 steps"), (Value::Null, "a policy without a diagnoser")]
-        {
+        for (diagnoser, action, what) in [
+            (&diagnoser, json!("own"), "a window of 50 steps"),
+            (&diagnoser, Value::Null, "the last 50 observations without a twin"),
+            (&Value::Null, Value::Null, "a policy without a diagnoser"),
+        ] {
             let expected = format!("ant: 2 damage classes, {what}, control period 0.05 s\n{files}");
-            assert_eq!(header(&diagnoser).text(), expected);
+            assert_eq!(header(diagnoser, &action).text(), expected);
         }
     }
 }

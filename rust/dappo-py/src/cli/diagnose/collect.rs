@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
 use dappo_diagnose::Preset;
+use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
 use dappo_diagnose::dataset::{DatasetHeader, Shard};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::fleet::Fleet;
@@ -111,7 +111,8 @@ impl CollectArgs {
             }
             None if self.twin_action.is_some() || self.resync.is_some() => {
                 return Err(LearnError::Invalid(
-                    "there is no twin with the preset observation; leave out --twin-action and --resync".into(),
+                    "there is no twin with the preset observation; leave out --twin-action and --resync"
+                        .into(),
                 ));
             }
             None => {}
