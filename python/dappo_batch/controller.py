@@ -39,8 +39,9 @@ class Controller(NotPicklable):
         Number of robots, N.
     trigger
         What reveals damage: ``"residual"``, the difference between the robot and a simulated twin;
-        ``"speed"``, a low forward velocity; or ``"observation"``, diagnoses of the last observations without a
-        twin. By default ``"residual"``, or ``"observation"`` with a diagnoser of the preset ``observation``.
+        ``"speed"``, a low forward velocity; or ``"observation"``, diagnoses of the last observations without
+        a twin. By default ``"residual"``, or ``"observation"`` with a diagnoser of the preset
+        ``observation``.
     settings
         Other settings of the controller, for example ``{"cooldown": 100}``.
     threads
@@ -179,8 +180,9 @@ class Controller(NotPicklable):
         if forward_velocity is not None:
             velocities = np.atleast_1d(array(forward_velocity, "forward_velocity", np.float64))
         if rows.ndim not in (1, 2) or (velocities is not None and velocities.ndim != 1):
+            shape = () if velocities is None else velocities.shape
             raise ShapeError(
-                f"obs have shape {rows.shape} and forward_velocity {np.shape(forward_velocity)}, expected"
+                f"obs have shape {rows.shape} and forward_velocity {shape}, expected"
                 f" [{self.num_robots}, {self.obs_dim}] (without damage code) and [{self.num_robots}]"
             )
         single = rows.ndim == 1

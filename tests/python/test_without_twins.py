@@ -1,4 +1,4 @@
-"""Diagnosis and adaptation without a twin: of the Ant, and of a Go1, which does not observe its whole state."""
+"""Diagnosis and adaptation without a twin: of the Ant, and of a Go1, whose state is not observed."""
 
 from __future__ import annotations
 
@@ -128,9 +128,7 @@ def test_damage_of_an_ant_is_recognised_without_a_twin(parts: Path, ant: Path) -
 
 
 def controllers(parts: Path, ant: Path, num_robots: int = 1, **settings: float) -> Controller:
-    return Controller(
-        parts / "aware", diagnoser=ant / "diagnoser", num_robots=num_robots, settings=settings
-    )
+    return Controller(parts / "aware", diagnoser=ant / "diagnoser", num_robots=num_robots, settings=settings)
 
 
 def walk(controller: Controller, damage: list[str], steps: int, lost: range = range(0)) -> list[Array]:
@@ -168,7 +166,9 @@ def test_an_export_without_a_twin_acts_bit_identically(parts: Path, ant: Path) -
     header = json.loads((ant / "export" / "export.json").read_text())
     assert header["controller"]["trigger"] == "observation"
     assert header["diagnoser"]["inputs"] == ["damaged"]
-    assert (header["twin"]["action"], header["twin"]["resync"], header["twin"]["residual_scale"]) == (None,) * 3
+    assert (header["twin"]["action"], header["twin"]["resync"], header["twin"]["residual_scale"]) == (
+        None,
+    ) * 3
     exported = Controller.from_export(ant / "export")
     original = controllers(parts, ant)
     for one, other in zip(
@@ -262,7 +262,7 @@ def test_a_go1_adapts_and_the_outcome_is_how_it_tracks_its_commands(go1: Path, t
     for row, outcome in zip(table, summary["classes"], strict=True):
         assert float(row["tracking_before"]) == pytest.approx(outcome["tracking_before"], abs=1e-4)
         assert float(row["tracking_kept"]) == pytest.approx(outcome["tracking_kept"], abs=1e-4)
-        # Commands, events and noise of an episode are the same for every damage, and so are the steps before it.
+        # Commands, events and noise of an episode are the same for every damage: so is what precedes it.
         assert outcome["tracking_before"] == pytest.approx(summary["classes"][0]["tracking_before"], abs=1e-5)
     healthy = summary["classes"][0]
     if healthy["false_alarms"] == 0:

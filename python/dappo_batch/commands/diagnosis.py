@@ -42,8 +42,8 @@ def collect_pairs(
         Recorded steps of a rollout.
     preset
         ``paper``, ``runtime``, ``residual`` or ``observation``: onset of the damage, and kind of twin, none
-        with ``observation``. By default ``residual``, or ``observation`` for a robot that does not observe its
-        whole state.
+        with ``observation``. By default ``residual``, or ``observation`` for a robot that does not observe
+        its whole state.
     policy
         Run folder of another policy that controls the robots until the damage is suspected.
     seed

@@ -78,8 +78,8 @@ class ClassOutcome(Result):
         oracle, if the policy was trained on the damage; of the policy without adaptation; and of PPO-Unaware,
         if it was given.
     tracking_before, tracking_kept, oracle_tracking_kept : float or None
-        How well commanded velocities were tracked, 0 to 1: before the onset, over the last 200 env steps, and by
-        the oracle over the last 200. None for a task without commands.
+        How well commanded velocities were tracked, 0 to 1: before the onset, over the last 200 env steps, and
+        by the oracle over the last 200. None for a task without commands.
     """
 
     damage_class: int
@@ -140,11 +140,11 @@ class AdaptationSummary(Result):
         Shares of the damaged episodes: recovered (over damage that the policy was trained on), stood still,
         and fell.
     kept_of_oracle, kept_of_healthy : float or None
-        Forward velocity, or tracking, over the last 200 env steps as a share of the oracle's, and of that before
-        the onset, over damage that the policy was trained on.
+        Forward velocity, or tracking, over the last 200 env steps as a share of the oracle's, and of that
+        before the onset, over damage that the policy was trained on.
     adapted_share, no_adaptation_share, unaware_share : float or None
-        Forward reward, or tracking, from the onset on as a share of the oracle's, over damage that the policy was trained on: of the
-        controller, of the policy without adaptation, and of PPO-Unaware.
+        Forward reward, or tracking, from the onset on as a share of the oracle's, over damage that the policy
+        was trained on: of the controller, of the policy without adaptation, and of PPO-Unaware.
     decision_ms : DecisionTime
         Time of the controller for an env step.
     """
