@@ -134,7 +134,7 @@ fn controller(factory: &Factory, robots: usize) -> Controller {
         trigger: Some(Trigger::Speed),
         speed_window: 1,
         cooldown: 1,
-        confidence: 1.0,
+        confidence: Some(1.0),
         ..ControllerConfig::default()
     };
     let twins = || Ok(factory.backend(robots, None, factory.evaluation_physics())?);

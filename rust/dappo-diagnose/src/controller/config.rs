@@ -48,8 +48,10 @@ pub struct ControllerConfig {
     /// Steps after a start or a diagnosis in which nothing is suspected. Each diagnosis window that does not
     /// remove the suspicion doubles the time to the next one.
     pub cooldown: usize,
-    /// Least probability of a diagnosis that is accepted.
-    pub confidence: f64,
+    /// Least probability of a diagnosis that is accepted; by default 0.5, or 0.9 with the trigger `observation`, which
+    /// has many diagnoses to choose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<f64>,
     /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the diagnosed damage is
     /// no closer to the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a
     /// diagnoser whose twins are re-synchronised before every step.
@@ -69,10 +71,10 @@ impl Default for ControllerConfig {
             residual_window: 10,
             residual_threshold: 0.05,
             cooldown: 50,
-            confidence: 0.5,
+            confidence: None,
             probation: 10,
-            diagnose_every: 5,
-            agreement: 3,
+            diagnose_every: 2,
+            agreement: 6,
         }
     }
 }
@@ -85,20 +87,29 @@ impl ControllerConfig {
         Ok(config)
     }
 
-    /// These settings with the trigger that this diagnoser is used with; fails if it cannot be used with theirs.
+    /// Whether the probability of a diagnosis is high enough, for [resolved](Self::resolved) settings.
+    pub(super) fn accepts(&self, probability: f32) -> bool {
+        self.confidence.is_none_or(|least| f64::from(probability) >= least)
+    }
+
+    /// These settings with the defaults of the trigger that this diagnoser is used with; fails if it cannot be used with
+    /// theirs.
     pub fn resolved(self, diagnoser: &Description) -> Result<Self> {
+        let trigger = self.trigger_with(diagnoser)?;
+        let confidence = self.confidence.unwrap_or(if trigger == Trigger::Observation { 0.9 } else { 0.5 });
+        Ok(Self { trigger: Some(trigger), confidence: Some(confidence), ..self })
+    }
+
+    fn trigger_with(&self, diagnoser: &Description) -> Result<Trigger> {
         let fault = match (self.trigger, diagnoser.twin, diagnoser.method) {
-            (None, Some(_), _) => return Ok(Self { trigger: Some(Trigger::Residual), ..self }),
-            (None, None, _) => return Ok(Self { trigger: Some(Trigger::Observation), ..self }),
-            (Some(Trigger::Observation), _, Method::A)
-            | (Some(Trigger::Residual | Trigger::Speed), Some(_), _) => {
-                return Ok(self);
-            }
+            (None, Some(_), _) => return Ok(Trigger::Residual),
+            (None, None, _) | (Some(Trigger::Observation), _, Method::A) => return Ok(Trigger::Observation),
             (Some(Trigger::Observation), _, method) => format!(
                 "the trigger `observation` diagnoses observations alone, but the diagnoser compares robots with twins \
                  (method {}); train one with the method A",
                 method.name()
             ),
+            (Some(trigger), Some(_), _) => return Ok(trigger),
             (Some(trigger), None, _) => format!(
                 "the diagnoser was trained on records without twins (preset `observation`), and the trigger `{}` \
                  needs one with twins; leave out the trigger, or choose `observation`",
@@ -125,7 +136,7 @@ impl ControllerConfig {
         }
         faults.positive("speed_fraction", self.speed_fraction, 1e9);
         faults.positive("residual_threshold", self.residual_threshold, 1e9);
-        let confidence = self.confidence;
+        let confidence = self.confidence.unwrap_or(0.5);
         faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
         Ok(faults.end()?)
     }
@@ -153,6 +164,19 @@ mod tests {
             subject: Subject { robot: "toy".into(), class_names: Vec::new(), codes: Vec::new() },
             standardizer: Standardizer::of(vec![0.0], vec![1.0]).unwrap(),
         }
+    }
+
+    #[test]
+    fn an_observed_robot_needs_surer_diagnoses_unless_told_otherwise() {
+        let confidence = |twin, confidence| {
+            let config = ControllerConfig { confidence, ..ControllerConfig::default() };
+            config.resolved(&diagnoser(Method::A, twin)).unwrap()
+        };
+        let observed = confidence(None, None);
+        assert!(observed.accepts(0.91) && !observed.accepts(0.89));
+        let compared = confidence(Some(Twin::default()), None);
+        assert!(compared.accepts(0.5) && !compared.accepts(0.49));
+        assert_eq!(confidence(None, Some(0.25)).confidence, Some(0.25));
     }
 
     #[test]

@@ -34,7 +34,7 @@ struct Agreement {
 impl Agreement {
     /// Takes in a diagnosis; returns whether it is to be accepted.
     fn weigh(&mut self, config: &ControllerConfig, assumed: usize, class: usize, confidence: f32) -> bool {
-        if class == assumed || f64::from(confidence) < config.confidence {
+        if class == assumed || !config.accepts(confidence) {
             *self = Self::default();
             return false;
         }
@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn a_class_is_accepted_once_enough_confident_diagnoses_in_a_row_agree_on_it() {
-        let config = ControllerConfig { agreement: 3, confidence: 0.6, ..ControllerConfig::default() };
+        let config = ControllerConfig { agreement: 3, confidence: Some(0.6), ..ControllerConfig::default() };
         // The step, from 0, at which a class is accepted by a controller that assumes class 1.
         let accepted = |diagnoses: &[(usize, f32)]| {
             let mut agreement = Agreement::default();

@@ -102,7 +102,7 @@ impl Twins {
     fn diagnose(&mut self, common: &mut Common, index: usize) -> Result<()> {
         let Some(window) = self.pairs[index].window.take() else { return Ok(()) };
         let (class, confidence) = common.skills.diagnoser.diagnose(&window)?;
-        let accepted = f64::from(confidence) >= common.config.confidence;
+        let accepted = common.config.accepts(confidence);
         common.event(index, EventKind::Diagnosed { class, confidence, accepted });
         let healthy = self.residuals(&window, common.obs_dim());
         let pair = &mut self.pairs[index];
