@@ -163,6 +163,8 @@ def main() -> None:
     """Simulate damage in mid-episode under the exported controller."""
     folder, joints = Path(sys.argv[1]), sys.argv[2:] or JOINTS
     export = json.loads((folder / "export.json").read_text())
+    if export["diagnoser"] and export["twin"]["action"] is None:
+        raise SystemExit("the diagnoser of this export has no twin, which this example is about")
     walker = Controller(folder) if export["diagnoser"] else PolicyAlone(folder)
     robot = Body(folder, export["twin"])
     places, obs = [robot.data.qpos[0]], robot.observe()

@@ -223,7 +223,7 @@ class Controller:
         diagnoser: Path,
         expert: Path | None = None,
         num_robots: int = 1,
-        trigger: str = "residual",
+        trigger: str | None = None,
         settings: Mapping[str, Any] | None = ...,
         threads: int = 1,
         robot_changed: str | None = None,
@@ -240,7 +240,9 @@ class Controller:
     def class_names(self) -> list[str]: ...
     @property
     def damage_classes(self) -> NDArray[np.int64]: ...
-    def act(self, obs: NDArray[np.float32], forward_velocity: NDArray[np.float64]) -> NDArray[np.float32]: ...
+    def act(
+        self, obs: NDArray[np.float32], forward_velocity: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float32]: ...
     def reset(self, mask: Sequence[bool] | None = None) -> None: ...
     def take_events(self) -> list[dict[str, Any]]: ...
 

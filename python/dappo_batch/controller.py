@@ -30,15 +30,18 @@ class Controller(NotPicklable):
     run
         Run folder of a damage-aware policy that has been evaluated.
     diagnoser
-        Folder of ``diagnose train``, preferably trained on data of this run with the preset ``residual``.
+        Folder of ``diagnose train``, preferably trained on data of this run with the preset ``residual``, or
+        ``observation``.
     expert
         Run folder of the policy that controls the robot during a diagnosis, the one that collected the
         diagnoser's training data; by default `run` itself with the code of the healthy robot.
     num_robots
         Number of robots, N.
     trigger
-        What raises a suspicion: ``"residual"``, the difference between the robot and a simulated twin, or
-        ``"speed"``, a low forward velocity.
+        What reveals damage: ``"residual"``, the difference between the robot and a simulated twin;
+        ``"speed"``, a low forward velocity; or ``"observation"``, diagnoses of the last observations without
+        a twin. By default ``"residual"``, or ``"observation"`` with a diagnoser of the preset
+        ``observation``.
     settings
         Other settings of the controller, for example ``{"cooldown": 100}``.
     threads
@@ -62,7 +65,7 @@ class Controller(NotPicklable):
         diagnoser: str | bytes | PathLike[str],
         expert: str | bytes | PathLike[str] | None = None,
         num_robots: int = 1,
-        trigger: str = "residual",
+        trigger: str | None = None,
         settings: Mapping[str, float] | None = None,
         threads: int = 1,
         robot_changed: RobotChanged | None = None,
@@ -72,7 +75,7 @@ class Controller(NotPicklable):
             diagnoser=_folder(diagnoser, "diagnoser"),
             expert=None if expert is None else _folder(expert, "expert"),
             num_robots=integer(num_robots, "num_robots", 1, MOST_ROBOTS),
-            trigger=text(trigger, "trigger"),
+            trigger=None if trigger is None else text(trigger, "trigger"),
             settings=settings,
             threads=integer(threads, "threads", 1),
             robot_changed=robot_changed,
@@ -146,7 +149,7 @@ class Controller(NotPicklable):
         """All events so far, in order."""
         return self._events
 
-    def act(self, obs: ArrayLike, forward_velocity: ArrayLike) -> NDArray[np.float32]:
+    def act(self, obs: ArrayLike, forward_velocity: ArrayLike | None = None) -> NDArray[np.float32]:
         """Choose the next actions.
 
         Entries that are not finite are replaced by the last finite ones; a row of NaN is a step without an
@@ -157,7 +160,8 @@ class Controller(NotPicklable):
         obs
             Observations without damage code, [N, O], or [O] for a single robot.
         forward_velocity
-            Velocities along +x over the last step, m/s, [N], or a number.
+            Velocities along +x over the last step, m/s, [N], or a number; not used with the trigger
+            ``observation``.
 
         Returns
         -------
@@ -169,13 +173,16 @@ class Controller(NotPicklable):
         ShapeError
             If a shape does not fit.
         ConfigError
-            If an array does not contain numbers.
+            If an array does not contain numbers, or the forward velocity is needed and missing.
         """
         rows = array(obs, "obs", np.float32)
-        velocities = np.atleast_1d(array(forward_velocity, "forward_velocity", np.float64))
-        if rows.ndim not in (1, 2) or velocities.ndim != 1:
+        velocities = None
+        if forward_velocity is not None:
+            velocities = np.atleast_1d(array(forward_velocity, "forward_velocity", np.float64))
+        if rows.ndim not in (1, 2) or (velocities is not None and velocities.ndim != 1):
+            shape = () if velocities is None else velocities.shape
             raise ShapeError(
-                f"obs have shape {rows.shape} and forward_velocity {velocities.shape}, expected"
+                f"obs have shape {rows.shape} and forward_velocity {shape}, expected"
                 f" [{self.num_robots}, {self.obs_dim}] (without damage code) and [{self.num_robots}]"
             )
         single = rows.ndim == 1

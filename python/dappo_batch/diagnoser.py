@@ -18,7 +18,7 @@ __all__ = ["Diagnoser"]
 
 
 class Diagnoser(NotPicklable):
-    """A diagnoser, with a simulation of the healthy twins.
+    """A diagnoser, with a simulation of the healthy twins if it compares robots with them.
 
     `Diagnoser.load` reads it. It diagnoses recorded trajectories; a `Controller` diagnoses robots online.
     """
@@ -104,8 +104,8 @@ class Diagnoser(NotPicklable):
         ShapeError
             If a shape does not fit.
         ConfigError
-            If the observations do not determine the robot's state, so that its twin cannot be simulated, or
-            an array contains anything but finite numbers.
+            If the observations do not determine the robot's state, so that a twin cannot be simulated for a
+            diagnoser that needs one, or an array contains anything but finite numbers.
         """
         obs, actions, single = _batches(obs, actions)
         if actions.shape[1] != self.timesteps:
@@ -131,7 +131,7 @@ class Diagnoser(NotPicklable):
         Raises
         ------
         ShapeError, ConfigError
-            As `diagnose`.
+            As `diagnose`, and for a diagnoser without twins (preset ``observation``).
         """
         obs, actions, single = _batches(obs, actions)
         rows = self._core.twin(obs, actions)

@@ -1,4 +1,4 @@
-"""Collecting pairs of robot and twin, and training diagnosers with them."""
+"""Collecting pairs of robot and twin, or robots alone, and training diagnosers with them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def collect_pairs(
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> list[Path]:
-    """Record pairs of damaged robots and their healthy twins.
+    """Record damaged robots and their healthy twins, or the robots alone.
 
     Parameters
     ----------
@@ -41,7 +41,9 @@ def collect_pairs(
     timesteps
         Recorded steps of a rollout.
     preset
-        ``paper``, ``runtime`` or ``residual``: onset of the damage, and kind of twin.
+        ``paper``, ``runtime``, ``residual`` or ``observation``: onset of the damage, and kind of twin, none
+        with ``observation``. By default ``residual``, or ``observation`` for a robot that does not observe
+        its whole state.
     policy
         Run folder of another policy that controls the robots until the damage is suspected.
     seed

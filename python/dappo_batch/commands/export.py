@@ -37,7 +37,7 @@ def export(
     expert
         Run folder of the policy that controls the robot during a diagnosis; by default `run` itself.
     trigger
-        The trigger, ``"residual"`` (the default) or ``"speed"``.
+        The trigger, ``"residual"``, ``"speed"`` or ``"observation"``; by default the one of the diagnoser.
     controller
         Other settings of the controller, for example ``{"cooldown": 100}``.
     robot_changed

@@ -51,29 +51,35 @@ class ClassOutcome(Result):
         Episodes that reached the onset, and episodes that ended before it, which are not counted anywhere
         else.
     false_alarms : int
-        Episodes with a suspicion before the onset, or with any suspicion if the robot stays healthy.
+        Episodes with an alarm before the onset, or with any alarm if the robot stays healthy. An alarm is a
+        suspicion, or a change of the assumed class if the controller has no twin.
     detected : int
-        Episodes with a suspicion after the onset.
+        Episodes with an alarm after the onset.
     median_delay, median_recovery : float or None
-        Env steps from the onset to the suspicion, and to the recovery, over the episodes that had one.
+        Env steps from the onset to the alarm, and to the recovery, over the episodes that had one.
     correct_first, correct_last : int
         Episodes whose first diagnosis was correct, and episodes whose assumed class was correct at the end.
     assumed : tuple of AssumedClass
         The assumed classes at the end of the episodes, the most frequent first.
     diagnosis_windows : float
-        Mean number of diagnosis windows of an episode.
+        Mean number of diagnosis windows of an episode, or of changes of the assumed class without a twin.
     recovered : int
         Episodes in which damage was diagnosed after the onset and the robot neither fell nor stood still and
-        kept at least 80 % of the oracle's speed over the last 200 env steps.
+        kept at least 80 % of the oracle's speed, or tracking, over the last 200 env steps.
     falls, stood_still : int
         Episodes that ended with a fall, and episodes without a fall in which the robot kept less than a tenth
-        of the speed before the onset over the last 200 env steps.
+        of the speed before the onset over the last 200 env steps. A robot with commands stood still if it was
+        not commanded to and tracked them hardly better than a robot at rest.
     velocity_before, velocity_kept, oracle_velocity_kept : float or None
         Forward velocity before the onset, over the last 200 env steps, and that of the oracle over the last
         200, m/s. It is 0 after a fall, and None for the oracle if the policy was not trained on the damage.
     adapted, oracle, no_adaptation, unaware : float or None
-        Forward reward of the controller; of the oracle, if the policy was trained on the damage; of the
-        policy without adaptation; and of PPO-Unaware, if it was given.
+        Forward reward, or tracking summed over env steps for a task with commands, of the controller; of the
+        oracle, if the policy was trained on the damage; of the policy without adaptation; and of PPO-Unaware,
+        if it was given.
+    tracking_before, tracking_kept, oracle_tracking_kept : float or None
+        How well commanded velocities were tracked, 0 to 1: before the onset, over the last 200 env steps, and
+        by the oracle over the last 200. None for a task without commands.
     """
 
     damage_class: int
@@ -98,6 +104,9 @@ class ClassOutcome(Result):
     oracle: float | None
     no_adaptation: float | None
     unaware: float | None
+    tracking_before: float | None = None
+    tracking_kept: float | None = None
+    oracle_tracking_kept: float | None = None
 
 
 @dataclass(frozen=True)
@@ -119,11 +128,11 @@ class AdaptationSummary(Result):
     classes : tuple of ClassOutcome
         One entry for each damage class, in the order of the trial.
     healthy_without_alarm : float or None
-        Share of the healthy episodes without a suspicion.
+        Share of the healthy episodes without an alarm.
     severe_episodes : int
-        Episodes with damage that reduces the speed by more than half without adaptation.
+        Episodes with damage that reduces the speed, or tracking, by more than half without adaptation.
     severe_detected, severe_median_delay : float or None
-        Share of them with a suspicion after the onset, and the median number of env steps until then.
+        Share of them with an alarm after the onset, and the median number of env steps until then.
     correct_first, correct_last : float or None
         Shares of the damaged episodes whose first diagnosis was correct, and whose assumed class was correct
         at the end.
@@ -131,11 +140,11 @@ class AdaptationSummary(Result):
         Shares of the damaged episodes: recovered (over damage that the policy was trained on), stood still,
         and fell.
     kept_of_oracle, kept_of_healthy : float or None
-        Forward velocity over the last 200 env steps as a share of the oracle's, and of that before the onset,
-        over damage that the policy was trained on.
+        Forward velocity, or tracking, over the last 200 env steps as a share of the oracle's, and of that
+        before the onset, over damage that the policy was trained on.
     adapted_share, no_adaptation_share, unaware_share : float or None
-        Forward reward as a share of the oracle's, over damage that the policy was trained on: of the
-        controller, of the policy without adaptation, and of PPO-Unaware.
+        Forward reward, or tracking, from the onset on as a share of the oracle's, over damage that the policy
+        was trained on: of the controller, of the policy without adaptation, and of PPO-Unaware.
     decision_ms : DecisionTime
         Time of the controller for an env step.
     """

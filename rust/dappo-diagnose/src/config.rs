@@ -150,6 +150,13 @@ impl DiagnoserConfig {
                 "`rollouts` is {used}, expected 2 to {available}, as many as the data has"
             )));
         }
+        if self.method != Method::A && source.twin().is_none() {
+            return Err(LearnError::Invalid(format!(
+                "`method` is {}, which compares robots with their twins, but the data were recorded without twins; \
+                 expected A",
+                self.method.name()
+            )));
+        }
         let classes = source.classes();
         if let Some(class) = self.held_out.iter().find(|&&class| class >= classes) {
             return Err(LearnError::Invalid(format!(
@@ -194,7 +201,7 @@ mod tests {
         check_names::<Method>(&["A", "B", "C", "D"]);
         check_names::<Head>(&["classes", "limbs"]);
         check_names::<TwinAction>(&["own", "shared"]);
-        check_names::<Trigger>(&["residual", "speed"]);
+        check_names::<Trigger>(&["residual", "speed", "observation"]);
     }
 
     #[test]

@@ -55,8 +55,9 @@ pub struct Description {
     pub hidden: Vec<usize>,
     /// Damage classes that it was not trained on.
     pub held_out: Vec<usize>,
-    /// Mode of the twins of its windows.
-    pub twin: Twin,
+    /// Mode of the twins of its windows; nothing for a diagnoser of the observation alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub twin: Option<Twin>,
     /// The robot and its classes.
     pub subject: Subject,
     /// What its inputs are standardised with.
@@ -196,6 +197,16 @@ impl Diagnoser {
         let mut inputs = vec![0.0; timesteps * self.description.input_dim()];
         method.write(window, obs_dim, action_dim, &mut inputs)?;
         self.probabilities(&inputs)
+    }
+
+    /// The most probable class of each window and its probability, given raw inputs as [`Method::write`] lays them out.
+    ///
+    /// # Shapes
+    /// inputs `[N, T, F]`; returns `[N]`
+    pub fn diagnose_all(&self, inputs: &[f32]) -> Result<Vec<(usize, f32)>> {
+        let probabilities = self.probabilities(inputs)?;
+        let rows = probabilities.chunks_exact(self.description.subject.classes());
+        Ok(rows.map(|row| (best(row), row[best(row)])).collect())
     }
 
     /// The most probable class of a window, and its probability.

@@ -10,7 +10,7 @@ use super::Twin;
 pub struct Window {
     /// Observations of the damaged robot, `[T, O]`.
     pub damaged: Vec<f32>,
-    /// Observations of its healthy twin, `[T, O]`.
+    /// Observations of its healthy twin, `[T, O]`; empty without one.
     pub twin: Vec<f32>,
     /// Actions of the damaged robot, `[T, A]`.
     pub actions: Vec<f32>,
@@ -33,9 +33,9 @@ pub trait PairSource: Sync {
     /// Length of an action, A.
     fn action_dim(&self) -> usize;
 
-    /// Mode of the twins of the windows.
-    fn twin(&self) -> Twin {
-        Twin::default()
+    /// Mode of the twins of the windows; `None` for windows without.
+    fn twin(&self) -> Option<Twin> {
+        Some(Twin::default())
     }
 
     /// Reads the first `timesteps` rows of a sample into `window`, whose vectors are resized.

@@ -22,7 +22,8 @@ pub struct Span {
 pub struct Timing {
     /// Steps that the robot walks healthily before the damage strikes; (0, 0) = damaged from the start.
     pub onset: Span,
-    /// Steps between the damage and the first step of the window.
+    /// Steps between the damage and the first step of the window. Without a twin: steps from the damage to the end of
+    /// the window, which may begin before it, as that of a controller without a twin does.
     pub delay: Span,
 }
 

@@ -20,6 +20,19 @@ pub struct Trajectories<'a> {
 }
 
 impl Trajectories<'_> {
+    /// The windows of a diagnoser that does without twins.
+    pub fn without_twins(&self, robots: usize, obs_dim: usize, action_dim: usize) -> Result<Vec<Window>> {
+        check_length("obs [N, T + 1, O]", self.obs, robots * (self.steps + 1) * obs_dim)?;
+        check_length("actions [N, T, A]", self.actions, robots * self.steps * action_dim)?;
+        let window = |(obs, actions): (&[f32], &[f32])| Window {
+            damaged: obs[obs_dim..].to_vec(),
+            twin: Vec::new(),
+            actions: actions.to_vec(),
+        };
+        let obs = self.obs.chunks_exact((self.steps + 1) * obs_dim);
+        Ok(obs.zip(self.actions.chunks_exact((self.steps * action_dim).max(1))).map(window).collect())
+    }
+
     /// Simulates a healthy twin of every robot, run as in a diagnoser's training; `twins` has N robots.
     pub fn windows(&self, mode: Twin, expert: &Policy, twins: Box<dyn Backend>) -> Result<Vec<Window>> {
         let robots = twins.num_envs();

@@ -6,7 +6,7 @@ use crate::error::{LearnError, Result};
 
 const NOT_OBSERVED: &str = "the robot's observation does not determine its state, so a twin cannot be \
                             re-synchronised with it; add `qpos` (with `skip` of at most 2) and `qvel` to \
-                            `observation.policy.terms`, or use the preset `paper`";
+                            `observation.policy.terms`, or do without a twin (preset `observation`)";
 
 /// N robots.
 pub struct Fleet {
@@ -73,8 +73,9 @@ impl Fleet {
         if !hidden.is_empty() {
             return Err(LearnError::Invalid(format!(
                 "the state of the robot is more than positions and velocities, so its observation does not \
-                 determine it and a twin cannot be re-synchronised with it: {hidden}. Change that in the MJCF, or \
-                 use the preset `paper`, whose twins begin with the episode"
+                 determine it and a twin cannot be re-synchronised with it: {hidden}. Change that in the MJCF, \
+                 use the preset `paper`, whose twins begin with the episode, or do without a twin (preset \
+                 `observation`)"
             )));
         }
         if !self.backend.task().is_observed() {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use dappo_diagnose::controller::{Controller, ControllerConfig, Parts};
 use dappo_diagnose::export::Export;
+use dappo_learn::LearnError;
 use dappo_learn::config::Assignment;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::walk::Onboard;
@@ -52,9 +53,9 @@ pub fn open_export(py: Python<'_>, export: &Export, threads: usize) -> PyResult<
 }
 
 /// The settings of a controller.
-pub fn settings(trigger: &str, assignments: &[Assignment]) -> dappo_learn::Result<ControllerConfig> {
-    let trigger = Assignment::Value("trigger".into(), trigger.into());
-    ControllerConfig::with(&[&[trigger], assignments].concat())
+pub fn settings(trigger: Option<&str>, assignments: &[Assignment]) -> dappo_learn::Result<ControllerConfig> {
+    let trigger = trigger.map(|trigger| Assignment::Value("trigger".into(), trigger.into()));
+    ControllerConfig::with(&[trigger.as_slice(), assignments].concat())
 }
 
 /// Controls robots online: detects damage, diagnoses it and adapts the policy.
@@ -76,7 +77,7 @@ impl PyController {
 #[pymethods]
 impl PyController {
     #[new]
-    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger="residual", settings=None,
+    #[pyo3(signature = (run, *, diagnoser, expert=None, num_robots=1, trigger=None, settings=None,
                         threads=1, robot_changed=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
@@ -85,7 +86,7 @@ impl PyController {
         diagnoser: PathBuf,
         expert: Option<PathBuf>,
         num_robots: usize,
-        trigger: &str,
+        trigger: Option<&str>,
         settings: Option<Bound<'_, PyAny>>,
         threads: usize,
         robot_changed: Option<RobotChanged>,
@@ -109,11 +110,13 @@ impl PyController {
         let pool = Pool::new(Some(threads))?;
         let export = Export::open(&folder).or_raise()?;
         let (skills, settings) = pool.run(py, || export.controller())?;
-        let factory = open_export(py, &export, threads)?;
-        let controller = pool.run(py, || {
-            let twins = factory.backend(num_robots, None, factory.evaluation_physics())?;
-            Controller::new(skills, settings, twins)
-        })?;
+        let has_twins = skills.diagnoser.description().twin.is_some();
+        let factory = has_twins.then(|| open_export(py, &export, threads)).transpose()?;
+        let twins = || match &factory {
+            Some(factory) => Ok(factory.backend(num_robots, None, factory.evaluation_physics())?),
+            None => Err(LearnError::Invalid("the export has no twin".into())),
+        };
+        let controller = pool.run(py, || Controller::new(skills, settings, num_robots, twins))?;
         Ok(Self::wrap(controller, pool))
     }
 
@@ -148,26 +151,31 @@ impl PyController {
     }
 
     /// The next actions.
+    #[pyo3(signature = (obs, forward_velocity=None))]
     fn act<'py>(
         &mut self,
         py: Python<'py>,
         obs: PyReadonlyArray2<'py, f32>,
-        forward_velocity: PyReadonlyArray1<'py, f64>,
+        forward_velocity: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let robots = self.controller.robots();
-        if obs.shape() != [robots, self.obs_dim] || forward_velocity.shape() != [robots] {
+        let velocities = forward_velocity.as_ref();
+        if obs.shape() != [robots, self.obs_dim]
+            || velocities.is_some_and(|velocities| velocities.shape() != [robots])
+        {
+            let velocities = velocities.map_or(&[][..], |velocities| velocities.shape());
             return Err(raise(
                 Kind::Shape,
                 format!(
-                    "obs have shape {:?} and forward_velocity {:?}, expected [{robots}, {}] (without damage code) and [{robots}]",
+                    "obs have shape {:?} and forward_velocity {velocities:?}, expected [{robots}, {}] (without damage code) and [{robots}]",
                     obs.shape(),
-                    forward_velocity.shape(),
                     self.obs_dim
                 ),
             ));
         }
         let rows = obs.as_slice().map_err(not_contiguous)?;
-        let velocities = forward_velocity.as_slice().map_err(not_contiguous)?;
+        let velocities =
+            velocities.map_or(Ok(&[][..]), |velocities| velocities.as_slice()).map_err(not_contiguous)?;
         let Self { controller, pool, .. } = self;
         let actions = pool.run(py, || controller.act(rows, velocities))?;
         PyArray1::from_vec(py, actions).reshape([robots, self.action_dim])

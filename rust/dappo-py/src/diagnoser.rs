@@ -97,6 +97,11 @@ impl PyDiagnoser {
         actions: PyReadonlyArray3<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let [robots, steps, _] = *actions.shape() else { return Err(shapes(&obs, &actions)) };
+        if self.diagnoser.description().twin.is_none() {
+            let message =
+                "the diagnoser was trained on records without twins (preset `observation`) and has none";
+            return Err(raise(Kind::Config, message));
+        }
         let windows = self.windows(py, &obs, &actions)?;
         let rows: Vec<f32> = windows.into_iter().flat_map(|window| window.twin).collect();
         PyArray1::from_vec(py, rows).reshape([robots, steps, self.obs_dim()])
@@ -137,6 +142,9 @@ impl PyDiagnoser {
         };
         let mode = self.diagnoser.description().twin;
         self.pool.run(py, || {
+            let Some(mode) = mode else {
+                return trajectories.without_twins(robots, self.obs_dim(), action_dim);
+            };
             let twins = self.factory.backend(robots, None, self.factory.evaluation_physics())?;
             trajectories.windows(mode, &self.expert, twins)
         })

@@ -5,10 +5,10 @@ use dappo_learn::walk::{Episode, KnownClasses, Trial, Walks};
 use serde::Serialize;
 
 use super::Contest;
-use super::outcome::{EpisodeOutcome, Reference, kept_speed};
+use super::outcome::{EpisodeOutcome, Reference, kept, scores};
 
-/// The outcome of one damage class. Forward rewards are Σ forward velocity over the steps of an episode from the
-/// damage on, in m/s, averaged over episodes.
+/// The outcome of one damage class. Scores are those of the steps of an episode from the damage on, summed: the forward
+/// velocity, m/s, or the tracking of commands, from 0 to 1 a step; averaged over episodes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClassOutcome {
     /// Damage class of the robot.
@@ -19,11 +19,12 @@ pub struct ClassOutcome {
     pub episodes: usize,
     /// Episodes that ended before.
     pub ended_before_onset: usize,
-    /// Episodes with a suspicion before the onset (in the whole episode, if the robot stays healthy).
+    /// Episodes with an alarm before the onset (in the whole episode, if the robot stays healthy): a suspicion, or
+    /// without a twin a diagnosis.
     pub false_alarms: usize,
-    /// Episodes in which damage was suspected after it struck.
+    /// Episodes with an alarm after the damage struck.
     pub detected: usize,
-    /// Median number of steps from the damage to the suspicion, where there was one.
+    /// Median number of steps from the damage to the alarm, where there was one.
     pub median_delay: Option<f64>,
     /// Episodes whose first diagnosis after the onset was correct.
     pub correct_first: usize,
@@ -31,15 +32,16 @@ pub struct ClassOutcome {
     pub correct_last: usize,
     /// The assumed classes at the end of the episodes, the most frequent first.
     pub assumed: Vec<AssumedClass>,
-    /// Mean number of diagnosis windows in an episode.
+    /// Mean number of diagnosis windows in an episode; without a twin, of changes of the assumed class.
     pub diagnosis_windows: f64,
-    /// Episodes in which the robot recovered: it was diagnosed, and keeps four fifths of the oracle's speed to the end.
+    /// Episodes in which the robot recovered: it was diagnosed, and keeps four fifths of the oracle's score to the end.
     pub recovered: usize,
     /// Median number of steps from the onset to the recovery, where there was one.
     pub median_recovery: Option<f64>,
     /// Episodes in which the adapted robot fell.
     pub falls: usize,
-    /// Episodes at whose end it stood still, at less than a tenth of the speed before the onset.
+    /// Episodes at whose end it stood still: at less than a tenth of the speed before the onset; or, other than
+    /// commanded, with a tracking hardly above that of a robot at rest.
     pub stood_still: usize,
     /// Forward velocity before the damage, m/s.
     pub velocity_before: f64,
@@ -47,14 +49,31 @@ pub struct ClassOutcome {
     pub velocity_kept: f64,
     /// The same of the oracle; `None` for damage without a code of its own.
     pub oracle_velocity_kept: Option<f64>,
-    /// Forward reward of the controller.
+    /// How commands were tracked.
+    #[serde(flatten)]
+    pub tracking: Tracking,
+    /// Score of the controller.
     pub adapted: f64,
-    /// Forward reward of the policy with the code of the active damage; `None` for damage without a code.
+    /// Score of the policy with the code of the active damage; `None` for damage without a code.
     pub oracle: Option<f64>,
-    /// Forward reward of the policy with the code of a healthy robot.
+    /// Score of the policy with the code of a healthy robot.
     pub no_adaptation: f64,
-    /// Forward reward of PPO-Unaware, if there is one.
+    /// Score of PPO-Unaware, if there is one.
     pub unaware: Option<f64>,
+}
+
+/// How commands were tracked, from 0 to 1; nothing for a task without commands.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Tracking {
+    /// Before the damage.
+    #[serde(rename = "tracking_before")]
+    pub before: Option<f64>,
+    /// Over the last 200 steps; a fallen robot has 0.
+    #[serde(rename = "tracking_kept")]
+    pub kept: Option<f64>,
+    /// The same of the oracle; `None` for damage without a code of its own, too.
+    #[serde(rename = "oracle_tracking_kept")]
+    pub oracle_kept: Option<f64>,
 }
 
 /// An assumed class.
@@ -66,7 +85,34 @@ pub struct AssumedClass {
     pub episodes: usize,
 }
 
+/// A number that every step of an episode has.
+type Series = fn(&Episode) -> &[f64];
+
 impl ClassOutcome {
+    /// Whether the scores are trackings.
+    #[must_use]
+    pub fn has_commands(&self) -> bool {
+        self.tracking.before.is_some()
+    }
+
+    /// Score before the damage, a step.
+    #[must_use]
+    pub fn before(&self) -> f64 {
+        self.tracking.before.unwrap_or(self.velocity_before)
+    }
+
+    /// Score over the last 200 steps, a step; a fallen robot has 0.
+    #[must_use]
+    pub fn kept(&self) -> f64 {
+        self.tracking.kept.unwrap_or(self.velocity_kept)
+    }
+
+    /// The same of the oracle.
+    #[must_use]
+    pub fn oracle_kept(&self) -> Option<f64> {
+        if self.has_commands() { self.tracking.oracle_kept } else { self.oracle_velocity_kept }
+    }
+
     /// The outcome of the class in row `row` of a trial, and that of each of its episodes.
     pub(super) fn new(
         trial: &Trial,
@@ -78,11 +124,18 @@ impl ClassOutcome {
         let after = |walks: &Walks| average(walks, &struck, reward);
         let class = trial.classes[row];
         let known = classes.known[class];
-        let velocity_before = average(&contest.adapted, &struck, |episode| {
-            mean(episode.velocities.iter().take(episode.onset).copied())
-        });
-        let oracle_velocity_kept = known.map(|_| average(&contest.oracle, &struck, kept_speed));
-        let reference = Reference { oracle: oracle_velocity_kept, before: velocity_before };
+        let series = |of: Series| {
+            let before = |episode: &Episode| mean(of(episode).iter().take(episode.onset).copied());
+            let keeps = |episode: &Episode| kept(episode, of(episode));
+            let kept = average(&contest.adapted, &struck, keeps);
+            let oracle = known.map(|_| average(&contest.oracle, &struck, keeps));
+            (average(&contest.adapted, &struck, before), kept, oracle)
+        };
+        let has_commands = contest.adapted.episodes.iter().any(|episode| !episode.trackings.is_empty());
+        let (velocity, score) = (series(|episode| &episode.velocities), series(scores));
+        let (before, kept, oracle_kept) = score;
+        let reference = Reference { oracle: oracle_kept, before };
+        let tracking = Tracking { before: Some(before), kept: Some(kept), oracle_kept };
         let adapted = || struck.iter().map(|&episode| &contest.adapted.episodes[episode]);
         let outcomes: Vec<EpisodeOutcome> =
             adapted().map(|episode| EpisodeOutcome::new(episode, reference)).collect();
@@ -107,9 +160,10 @@ impl ClassOutcome {
             median_recovery: median(steps(|outcome| outcome.recovery)),
             falls: adapted().filter(|episode| episode.fell).count(),
             stood_still: count(&|outcome| outcome.stands_still),
-            velocity_before,
-            velocity_kept: average(&contest.adapted, &struck, kept_speed),
-            oracle_velocity_kept,
+            velocity_before: velocity.0,
+            velocity_kept: velocity.1,
+            oracle_velocity_kept: velocity.2,
+            tracking: if has_commands { tracking } else { Tracking::default() },
             adapted: after(&contest.adapted),
             oracle: known.map(|_| after(&contest.oracle)),
             no_adaptation: after(&contest.no_adaptation),
@@ -144,16 +198,16 @@ pub(super) fn average(walks: &Walks, episodes: &[usize], of: impl Fn(&Episode) -
     mean(episodes.iter().map(|&episode| of(&walks.episodes[episode])))
 }
 
-/// Σ forward velocity from the damage on.
+/// Σ score from the damage on.
 fn reward(episode: &Episode) -> f64 {
-    episode.velocities.iter().skip(episode.onset).sum()
+    scores(episode).iter().skip(episode.onset).sum()
 }
 
-/// Mean forward velocity from the damage on; 0 if the robot fell before.
-pub(super) fn speed(episode: &Episode) -> f64 {
-    episode
-        .velocities
-        .get(episode.onset..)
-        .filter(|rest| !rest.is_empty())
-        .map_or(0.0, |rest| mean(rest.iter().copied()))
+/// Mean score from the damage on; 0 if the robot fell before. A robot that falls tracks no command for the rest of the
+/// `steps` of an episode.
+pub(super) fn pace(episode: &Episode, steps: usize) -> f64 {
+    let Some(rest) = scores(episode).get(episode.onset..).filter(|rest| !rest.is_empty()) else { return 0.0 };
+    let counted =
+        if episode.trackings.is_empty() { rest.len() } else { rest.len().max(steps - episode.onset) };
+    rest.iter().sum::<f64>() / counted as f64
 }

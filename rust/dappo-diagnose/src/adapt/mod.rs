@@ -17,7 +17,7 @@ use dappo_nn::Policy;
 
 use crate::controller::Controller;
 
-pub use class::{AssumedClass, ClassOutcome};
+pub use class::{AssumedClass, ClassOutcome, Tracking};
 pub use summary::{AdaptationSummary, DecisionTime};
 pub use trace::trace;
 

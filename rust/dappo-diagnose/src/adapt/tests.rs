@@ -119,7 +119,7 @@ fn controller(factory: &Factory, robots: usize) -> Controller {
         lstm: 2,
         hidden: vec![2],
         held_out: Vec::new(),
-        twin: Twin::default(),
+        twin: Some(Twin::default()),
         subject: Subject::new("counter", &factory.space),
         standardizer: Standardizer::of(vec![0.0; OBS], vec![0.0; OBS]).unwrap(),
     };
@@ -129,17 +129,17 @@ fn controller(factory: &Factory, robots: usize) -> Controller {
         expert: policy(7.0, 0),
         diagnoser: Diagnoser::new(description, net),
         // No counter is as fast.
-        baselines: vec![1e6; classes],
+        baselines: Some(vec![1e6; classes]),
     };
     let config = ControllerConfig {
-        trigger: Trigger::Speed,
+        trigger: Some(Trigger::Speed),
         speed_window: 1,
         cooldown: 1,
-        confidence: 1.0,
+        confidence: Some(1.0),
         ..ControllerConfig::default()
     };
-    let twins = factory.backend(robots, None, factory.evaluation_physics()).unwrap();
-    Controller::new(skills, config, twins).unwrap()
+    let twins = || Ok(factory.backend(robots, None, factory.evaluation_physics())?);
+    Controller::new(skills, config, robots, twins).unwrap()
 }
 
 fn run(factory: &Factory, unaware: Option<&Policy>, stop: &dyn Fn() -> bool) -> Option<Contest> {

@@ -50,14 +50,14 @@ impl AdaptationSummary {
         table(headers, rows)
     }
 
-    /// How the robots of every class walked on. The speed kept is that over the last 200 steps.
+    /// How the robots of every class walked on. The speed, or tracking, kept is that over the last 200 steps.
     fn walks(&self) -> String {
         let headers = [
             "<damage",
             "recovered",
             "stood still",
             "fell",
-            "kept m/s",
+            if self.has_commands() { "kept tracking" } else { "kept m/s" },
             "of before",
             "of oracle",
             "adapted",
@@ -73,9 +73,9 @@ impl AdaptationSummary {
                 if is_comparable { c.share_of_episodes(c.recovered) } else { "–".to_owned() },
                 c.share_of_episodes(c.stood_still),
                 c.share_of_episodes(c.falls),
-                format!("{:.2}", c.velocity_kept),
-                percent(share(c.velocity_kept, Some(c.velocity_before))),
-                percent(share(c.velocity_kept, c.oracle_velocity_kept)),
+                format!("{:.2}", c.kept()),
+                percent(share(c.kept(), Some(c.before()))),
+                percent(share(c.kept(), c.oracle_kept())),
                 reward(Some(c.adapted)),
                 reward(c.oracle),
                 reward(Some(c.no_adaptation)),
@@ -85,8 +85,14 @@ impl AdaptationSummary {
         table(headers, rows)
     }
 
+    fn has_commands(&self) -> bool {
+        self.classes.iter().any(ClassOutcome::has_commands)
+    }
+
     /// The means over all classes.
     fn means(&self) -> String {
+        let (speed, reward) =
+            if self.has_commands() { ("tracking", "tracking") } else { ("speed", "forward reward") };
         let left_out = match self.classes.iter().map(|class| class.ended_before_onset).sum() {
             0_usize => String::new(),
             some => format!("episodes left out, which ended before the damage: {some}\n"),
@@ -98,7 +104,7 @@ impl AdaptationSummary {
             format!("healthy episodes without a false alarm: {}\n", percent(self.healthy_without_alarm)),
             left_out,
             format!(
-                "damage that costs more than half of the speed: {} of {} episodes detected, \
+                "damage that costs more than half of the {speed}: {} of {} episodes detected, \
                  after {} steps (median)\n",
                 percent(self.severe_detected),
                 self.severe_episodes,
@@ -110,7 +116,7 @@ impl AdaptationSummary {
                 percent(self.correct_last)
             ),
             format!(
-                "speed over the last 200 steps: {} of the oracle's, {} of that before the damage\n",
+                "{speed} over the last 200 steps: {} of the oracle's, {} of that before the damage\n",
                 percent(self.kept_of_oracle),
                 percent(self.kept_of_healthy)
             ),
@@ -121,7 +127,7 @@ impl AdaptationSummary {
                 percent(self.fell)
             ),
             format!(
-                "forward reward after the damage, as a share of the oracle's: adapted {}, \
+                "{reward} after the damage, as a share of the oracle's: adapted {}, \
                  no adaptation {}{unaware}\n",
                 percent(self.adapted_share),
                 percent(self.no_adaptation_share)
@@ -135,17 +141,23 @@ impl ClassOutcome {
     /// The numbers of a single class.
     fn text(&self, trial: &Trial, control_period: f64) -> String {
         let of = |count: usize| format!("{count} of {}", self.episodes);
+        let (what, unit, sums) = if self.has_commands() {
+            ("tracking of the commands", "", "tracking, summed over the steps")
+        } else {
+            ("forward velocity", " m/s", "forward reward and distance")
+        };
         let left_out = match self.ended_before_onset {
             0 => String::new(),
             some => format!("  left out, ended before the damage: {some}\n"),
         };
-        let of_oracle = self.oracle_velocity_kept.map_or_else(String::new, |oracle| {
-            format!(", {} of the oracle's", percent(share(self.velocity_kept, Some(oracle))))
+        let of_oracle = self.oracle_kept().map_or_else(String::new, |oracle| {
+            format!(", {} of the oracle's", percent(share(self.kept(), Some(oracle))))
         });
         let recovered = if self.class != 0 && self.oracle.is_some() {
             format!(
-                "  recovered (diagnosed, and at least 80 % of the oracle's speed at the end): {}, \
+                "  recovered (diagnosed, and at least 80 % of the oracle's {} at the end): {}, \
                  after {} steps (median)\n",
+                if self.has_commands() { "tracking" } else { "speed" },
                 of(self.recovered),
                 steps(self.median_recovery)
             )
@@ -159,23 +171,27 @@ impl ClassOutcome {
             ("PPO-Unaware", self.unaware),
         ];
         let rewards = rewards.into_iter().filter_map(|(name, reward)| {
-            reward.map(|reward| format!("  {reward:>10.1} {:>8.1} m  {name}\n", reward * control_period))
+            reward.map(|reward| {
+                let meters = format!(" {:>8.1} m", reward * control_period);
+                let meters = if self.has_commands() { "" } else { &meters };
+                format!("  {reward:>10.1}{meters}  {name}\n")
+            })
         });
         [
             format!("{}, {} episodes\n", self.name, self.episodes),
             left_out,
             self.diagnosis(),
             format!(
-                "  forward velocity before step {}: {:.2} m/s; over the last 200 steps: {:.2} m/s, \
+                "  {what} before step {}: {:.2}{unit}; over the last 200 steps: {:.2}{unit}, \
                  {} of that before{of_oracle}\n",
                 trial.course.onset.first,
-                self.velocity_before,
-                self.velocity_kept,
-                percent(share(self.velocity_kept, Some(self.velocity_before)))
+                self.before(),
+                self.kept(),
+                percent(share(self.kept(), Some(self.before())))
             ),
             recovered,
             format!("  stood still at the end: {}; fell: {}\n", of(self.stood_still), of(self.falls)),
-            format!("  forward reward and distance from step {} on:\n", trial.course.onset.first),
+            format!("  {sums} from step {} on:\n", trial.course.onset.first),
             rewards.collect(),
         ]
         .concat()

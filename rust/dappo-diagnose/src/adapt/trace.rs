@@ -4,7 +4,7 @@ use dappo_learn::csv_table::table;
 use dappo_learn::walk::{Episode, EventKind, KnownClasses};
 
 /// An episode with its velocities as CSV: forward velocity, the active damage, the damage whose code the
-/// policy has, and what happened.
+/// policy has, what happened, and how the command was tracked, if there was one.
 #[must_use]
 pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
     let name = |class: usize| &classes.known_names[class];
@@ -27,15 +27,19 @@ pub fn trace(episode: &Episode, classes: &KnownClasses) -> String {
             });
         }
         let damage = &classes.names[if step >= episode.onset { episode.class } else { 0 }];
-        vec![
+        let mut row = vec![
             step.to_string(),
             format!("{velocity:.5}"),
             damage.clone(),
             name(assumed).clone(),
             happened.join("; "),
-        ]
+        ];
+        row.extend(episode.trackings.get(step).map(|tracking| format!("{tracking:.5}")));
+        row
     });
-    table(&["step", "forward_velocity", "damage", "assumed", "event"], rows)
+    let mut columns = vec!["step", "forward_velocity", "damage", "assumed", "event"];
+    columns.extend((!episode.trackings.is_empty()).then_some("tracking"));
+    table(&columns, rows)
 }
 
 #[cfg(test)]

@@ -1,20 +1,23 @@
-//! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once.
+//! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once; and robots without
+//! twins.
 
+mod alone;
 mod pairs;
 
 use std::path::Path;
 
 use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::error::Result;
+use dappo_learn::error::{LearnError, Result};
 use dappo_learn::faults::Faults;
 use dappo_learn::fleet::Fleet;
 use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
 use dappo_sim::{Backend, Severity};
 
-use super::dataset::{DatasetHeader, Part, PolicyId, Shard, check_piece};
-use super::{Protocol, Subject};
+use super::dataset::{DatasetHeader, Part, PolicyId, Record, Shard, check_piece};
+use super::{Protocol, Subject, Timing};
+use alone::Alone;
 use pairs::Pairs;
 
 /// Robots simulated at once, about.
@@ -61,6 +64,18 @@ pub struct Collected {
     pub interrupted: bool,
 }
 
+/// Simulates the robots of several rollouts at once.
+trait Recorder: Send {
+    /// Simulates the robots.
+    fn backend(&self) -> &dyn Backend;
+
+    /// Divergences so far.
+    fn diverged(&self) -> u64;
+
+    /// One record for each of the rollouts with these random keys, as many as the block has.
+    fn simulate_block(&mut self, keys: &[u64]) -> Result<Vec<Record>>;
+}
+
 /// The header of the dataset that a collection makes.
 fn header(
     config: &CollectConfig,
@@ -90,8 +105,7 @@ fn header(
 /// Fails if a collection needs twins that start mid-episode, and the observation does not determine the
 /// state. [`collect`] checks the same; a caller that writes files before it checks first.
 pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
-    let is_synchronised = !config.protocol.timing.starts_at_reset() || config.protocol.twin.resync > 0;
-    if config.protocol.needs_twins() && is_synchronised {
+    if config.protocol.synchronises_twins() {
         Fleet::new(factory.backend(1, None, factory.evaluation_physics())?).check_twins()?;
     }
     Ok(())
@@ -111,14 +125,19 @@ pub fn collect(
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
     config.check()?;
+    if config.protocol.twin.is_none() && policy.is_some() {
+        return Err(LearnError::Invalid(
+            "without a twin, one policy walks before and during the recording; leave out `policy`".into(),
+        ));
+    }
     check_twins(config, factory)?;
     let classes = factory.space().classes().len();
     let range = config.shard.range(config.rollouts);
     Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;
     let keys = &env_keys(config.seed, range.end)[range.clone()];
     let block = (ENVS / classes).clamp(1, keys.len().max(1));
-    let mut pairs = Pairs::new(config, factory, expert, policy, block)?;
-    let header = header(config, factory, expert, policy, pairs.backend());
+    let mut recorder = recorder(config, factory, expert, policy, block)?;
+    let header = header(config, factory, expert, policy, recorder.backend());
     // Two blocks at a time, and the bytes of one.
     Bytes::of(3 * block, header.record_bytes() as usize)
         .require(&format!("{block} rollouts of {classes} damage classes with {} steps", config.timesteps))?;
@@ -135,7 +154,8 @@ pub fn collect(
     // An earlier command may have collected more than this one requests.
     for next in keys.get(part.count()..).unwrap_or_default().chunks(block) {
         // The disk takes one block while the next is simulated.
-        let (simulated, appended) = rayon::join(|| pairs.simulate(next), || part.append(&ready));
+        let (simulated, appended) =
+            rayon::join(|| simulate(recorder.as_mut(), block, next), || part.append(&ready));
         appended?;
         ready = simulated?;
         observer.collected(part.count(), keys.len());
@@ -146,7 +166,43 @@ pub fn collect(
     part.append(&ready)?;
     observer.collected(part.count(), keys.len());
     let interrupted = part.count() < keys.len();
-    Ok(Collected { rollouts: part.count(), diverged: pairs.diverged(), interrupted })
+    Ok(Collected { rollouts: part.count(), diverged: recorder.diverged(), interrupted })
+}
+
+/// What simulates `block` rollouts at once.
+fn recorder<'a>(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    expert: &'a RunPolicy,
+    policy: Option<&'a RunPolicy>,
+    block: usize,
+) -> Result<Box<dyn Recorder + 'a>> {
+    let robots =
+        factory.backend(block * factory.space().classes().len(), None, factory.evaluation_physics())?;
+    for one in [expert, policy.unwrap_or(expert)] {
+        let (got, expected) = (one.policy.obs_dim(), robots.task().obs_dim());
+        if got != expected {
+            return Err(LearnError::Invalid(format!(
+                "the policy in {} observes {got} numbers, expected {expected} of robot `{}`",
+                one.run,
+                factory.robot().name
+            )));
+        }
+    }
+    Ok(match config.protocol.twin {
+        Some(twin) => {
+            Box::new(Pairs::new(config, twin, factory, [expert, policy.unwrap_or(expert)], robots)?)
+        }
+        None => Box::new(Alone::new(config, factory.space(), expert, robots)),
+    })
+}
+
+/// One record for each of the rollouts with these random keys, at most as many as the block has.
+fn simulate(recorder: &mut dyn Recorder, block: usize, keys: &[u64]) -> Result<Vec<Record>> {
+    // A block that is not full is filled up with the first rollout again.
+    let mut records = recorder.simulate_block(&[keys, &vec![keys[0]; block - keys.len()]].concat())?;
+    records.truncate(keys.len());
+    Ok(records)
 }
 
 impl CollectConfig {
@@ -155,6 +211,15 @@ impl CollectConfig {
         let mut faults = Faults::default();
         for (key, value) in [("rollouts", self.rollouts), ("timesteps", self.timesteps)] {
             faults.count(key, value as u64, i32::MAX as u64);
+        }
+        let Timing { onset, delay } = self.protocol.timing;
+        let shortest = u64::from(onset.first) + u64::from(delay.first);
+        if self.protocol.twin.is_none() {
+            let expected = "at least 1: a window must show the damage";
+            faults.rule("delay", delay.first, expected, delay.first > 0);
+            let expected =
+                format!("at most {shortest}, the first onset and delay together, where a window may end");
+            faults.rule("timesteps", self.timesteps, &expected, self.timesteps as u64 <= shortest);
         }
         Ok(faults.end()?)
     }

@@ -2,20 +2,21 @@
 
 use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::error::{LearnError, Result};
+use dappo_learn::error::Result;
 use dappo_learn::fleet::Fleet;
 use dappo_nn::Policy;
 use dappo_sim::backend::{Backend, Reset};
 
-use super::CollectConfig;
+use super::{CollectConfig, Recorder};
 use crate::dataset::Record;
-use crate::{Protocol, TwinAction};
+use crate::{Timing, Twin, TwinAction};
 
 /// The robots of `block` rollouts, one for each damage class, and their twins.
 pub(super) struct Pairs<'a> {
     expert: &'a Policy,
     policy: &'a Policy,
-    protocol: Protocol,
+    timing: Timing,
+    twin: Twin,
     timesteps: usize,
     classes: usize,
     robots: Fleet,
@@ -24,72 +25,26 @@ pub(super) struct Pairs<'a> {
 }
 
 impl<'a> Pairs<'a> {
+    /// `robots` simulates the robots; `expert` and `policy` act in the window and before it.
     pub fn new(
         config: &CollectConfig,
+        twin: Twin,
         factory: &dyn EnvFactory,
-        expert: &'a RunPolicy,
-        policy: Option<&'a RunPolicy>,
-        block: usize,
+        [expert, policy]: [&'a RunPolicy; 2],
+        robots: Box<dyn Backend>,
     ) -> Result<Self> {
-        let classes = factory.space().classes().len();
-        let physics = factory.evaluation_physics();
-        let fleet = || factory.backend(block * classes, None, physics).map(Fleet::new);
-        let robots = fleet()?;
-        for one in [expert, policy.unwrap_or(expert)] {
-            let (got, expected) = (one.policy.obs_dim(), robots.backend().task().obs_dim());
-            if got != expected {
-                return Err(LearnError::Invalid(format!(
-                    "the policy in {} observes {got} numbers, expected {expected} of robot `{}`",
-                    one.run,
-                    factory.robot().name
-                )));
-            }
-        }
+        let envs = robots.num_envs();
+        let twins = || factory.backend(envs, None, factory.evaluation_physics()).map(Fleet::new);
         Ok(Self {
             expert: &expert.policy,
-            policy: &policy.unwrap_or(expert).policy,
-            protocol: config.protocol,
+            policy: &policy.policy,
+            timing: config.protocol.timing,
+            twin,
             timesteps: config.timesteps,
-            classes,
-            robots,
-            twins: if config.protocol.needs_twins() { Some(fleet()?) } else { None },
+            classes: factory.space().classes().len(),
+            robots: Fleet::new(robots),
+            twins: config.protocol.needs_twins().then(twins).transpose()?,
         })
-    }
-
-    pub fn backend(&self) -> &dyn Backend {
-        self.robots.backend()
-    }
-
-    /// Divergences so far.
-    pub fn diverged(&self) -> u64 {
-        self.robots.divergences + self.twins.as_ref().map_or(0, |twins| twins.divergences)
-    }
-
-    /// One record for each of the rollouts with these random keys, at most as many as the block has.
-    pub fn simulate(&mut self, keys: &[u64]) -> Result<Vec<Record>> {
-        // A block that is not full is filled up with the first rollout again.
-        let block = self.robots.fallen.len() / self.classes;
-        let mut records = self.simulate_block(&[keys, &vec![keys[0]; block - keys.len()]].concat())?;
-        records.truncate(keys.len());
-        Ok(records)
-    }
-
-    fn simulate_block(&mut self, keys: &[u64]) -> Result<Vec<Record>> {
-        let timings: Vec<(u32, u32)> = keys.iter().map(|&key| self.protocol.timing.draw(key)).collect();
-        self.walk(keys, &timings)?;
-        let mut records: Vec<Record> = timings
-            .into_iter()
-            .zip(self.robots.fallen.chunks(self.classes))
-            .map(|((onset, delay), fallen)| Record {
-                onset,
-                delay,
-                fallen: fallen.to_vec(),
-                ..Record::default()
-            })
-            .collect();
-        self.begin_twins(keys)?;
-        self.record_window(&mut records)?;
-        Ok(records)
     }
 
     /// From the start of each rollout to the step at which its window begins.
@@ -122,7 +77,7 @@ impl<'a> Pairs<'a> {
 
     /// Synchronises every twin with its robot: with the same start at a reset, with the observed state later.
     fn begin_twins(&mut self, keys: &[u64]) -> Result<()> {
-        if !self.protocol.timing.starts_at_reset() {
+        if !self.timing.starts_at_reset() {
             return self.synchronise_twins();
         }
         let Some(twins) = &mut self.twins else { return Ok(()) };
@@ -149,11 +104,11 @@ impl<'a> Pairs<'a> {
         let skip = vec![false; self.robots.fallen.len()];
         for step in 0..steps {
             let actions = self.expert.healthy_actions(&self.robots.obs)?;
-            if self.protocol.twin.resyncs_before(step) {
+            if self.twin.resyncs_before(step) {
                 self.synchronise_twins()?;
             }
             if let Some(twins) = &mut self.twins {
-                match self.protocol.twin.action {
+                match self.twin.action {
                     TwinAction::Own => twins.step(&self.expert.healthy_actions(&twins.obs)?, &skip)?,
                     TwinAction::Shared => twins.step(&actions, &skip)?,
                 }
@@ -172,5 +127,33 @@ impl<'a> Pairs<'a> {
             }
         }
         Ok(())
+    }
+}
+
+impl Recorder for Pairs<'_> {
+    fn backend(&self) -> &dyn Backend {
+        self.robots.backend()
+    }
+
+    fn diverged(&self) -> u64 {
+        self.robots.divergences + self.twins.as_ref().map_or(0, |twins| twins.divergences)
+    }
+
+    fn simulate_block(&mut self, keys: &[u64]) -> Result<Vec<Record>> {
+        let timings: Vec<(u32, u32)> = keys.iter().map(|&key| self.timing.draw(key)).collect();
+        self.walk(keys, &timings)?;
+        let mut records: Vec<Record> = timings
+            .into_iter()
+            .zip(self.robots.fallen.chunks(self.classes))
+            .map(|((onset, delay), fallen)| Record {
+                onset,
+                delay,
+                fallen: fallen.to_vec(),
+                ..Record::default()
+            })
+            .collect();
+        self.begin_twins(keys)?;
+        self.record_window(&mut records)?;
+        Ok(records)
     }
 }

@@ -1,10 +1,12 @@
 //! Settings of the run-time loop.
 
 use dappo_learn::config::{Assignment, Layers};
-use dappo_learn::error::Result;
+use dappo_learn::error::{LearnError, Result};
 use dappo_learn::faults::Faults;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr, VariantNames};
+
+use crate::{Description, Method};
 
 /// Steps of a window at most, which is kept for every robot.
 const MOST_WINDOW: u64 = 1_000_000;
@@ -22,14 +24,18 @@ pub enum Trigger {
     Residual,
     /// The robot walks too slowly for the assumed class.
     Speed,
+    /// The diagnoser sees another class than the assumed one in the last observations, again and again. Needs neither a
+    /// twin nor a diagnosis window, but a diagnoser of the observation alone (method A).
+    Observation,
 }
 
 /// When a controller suspects damage and which diagnoses it accepts. Times are in control steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ControllerConfig {
-    /// What makes it suspect damage.
-    pub trigger: Trigger,
+    /// What makes it suspect damage; by default `residual`, or `observation` with a diagnoser that has no twin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trigger: Option<Trigger>,
     /// Steps over which the forward velocity is averaged.
     pub speed_window: usize,
     /// Share of the expected forward velocity below which a robot is too slow.
@@ -42,25 +48,33 @@ pub struct ControllerConfig {
     /// Steps after a start or a diagnosis in which nothing is suspected. Each diagnosis window that does not
     /// remove the suspicion doubles the time to the next one.
     pub cooldown: usize,
-    /// Least probability of a diagnosis that is accepted.
-    pub confidence: f64,
+    /// Least probability of a diagnosis that is accepted; by default 0.5, or 0.9 with the trigger `observation`, which
+    /// has many diagnoses to choose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<f64>,
     /// Steps with a residual after which a diagnosis is withdrawn, if the twin with the diagnosed damage is
     /// no closer to the robot than the healthy one was; 0 for never. Needs the trigger `residual` and a
     /// diagnoser whose twins are re-synchronised before every step.
     pub probation: usize,
+    /// Steps from one diagnosis to the next, with the trigger `observation`.
+    pub diagnose_every: usize,
+    /// Consecutive diagnoses of one class after which it is assumed, with the trigger `observation`.
+    pub agreement: usize,
 }
 
 impl Default for ControllerConfig {
     fn default() -> Self {
         Self {
-            trigger: Trigger::Residual,
+            trigger: None,
             speed_window: 50,
             speed_fraction: 0.5,
             residual_window: 10,
             residual_threshold: 0.05,
             cooldown: 50,
-            confidence: 0.5,
+            confidence: None,
             probation: 10,
+            diagnose_every: 2,
+            agreement: 6,
         }
     }
 }
@@ -73,11 +87,47 @@ impl ControllerConfig {
         Ok(config)
     }
 
+    /// Whether the probability of a diagnosis is high enough, for [resolved](Self::resolved) settings.
+    pub(super) fn accepts(&self, probability: f32) -> bool {
+        self.confidence.is_none_or(|least| f64::from(probability) >= least)
+    }
+
+    /// These settings with the defaults of the trigger that this diagnoser is used with; fails if it cannot be used with
+    /// theirs.
+    pub fn resolved(self, diagnoser: &Description) -> Result<Self> {
+        let trigger = self.trigger_with(diagnoser)?;
+        let confidence = self.confidence.unwrap_or(if trigger == Trigger::Observation { 0.9 } else { 0.5 });
+        Ok(Self { trigger: Some(trigger), confidence: Some(confidence), ..self })
+    }
+
+    fn trigger_with(&self, diagnoser: &Description) -> Result<Trigger> {
+        let fault = match (self.trigger, diagnoser.twin, diagnoser.method) {
+            (None, Some(_), _) => return Ok(Trigger::Residual),
+            (None, None, _) | (Some(Trigger::Observation), _, Method::A) => return Ok(Trigger::Observation),
+            (Some(Trigger::Observation), _, method) => format!(
+                "the trigger `observation` diagnoses observations alone, but the diagnoser compares robots with twins \
+                 (method {}); train one with the method A",
+                method.name()
+            ),
+            (Some(trigger), Some(_), _) => return Ok(trigger),
+            (Some(trigger), None, _) => format!(
+                "the diagnoser was trained on records without twins (preset `observation`), and the trigger `{}` \
+                 needs one with twins; leave out the trigger, or choose `observation`",
+                <&str>::from(trigger)
+            ),
+        };
+        Err(LearnError::Invalid(fault))
+    }
+
     /// Fails with all settings outside their range.
     pub fn check(&self) -> Result<()> {
         let mut faults = Faults::default();
-        for (key, window) in [("speed_window", self.speed_window), ("residual_window", self.residual_window)]
-        {
+        for (key, window) in [
+            ("speed_window", self.speed_window),
+            ("residual_window", self.residual_window),
+            ("diagnose_every", self.diagnose_every),
+            ("agreement", self.agreement),
+        ] {
             faults.count(key, window as u64, MOST_WINDOW);
         }
         for (key, steps) in [("cooldown", self.cooldown), ("probation", self.probation)] {
@@ -86,8 +136,69 @@ impl ControllerConfig {
         }
         faults.positive("speed_fraction", self.speed_fraction, 1e9);
         faults.positive("residual_threshold", self.residual_threshold, 1e9);
-        let confidence = self.confidence;
+        let confidence = self.confidence.unwrap_or(0.5);
         faults.rule("confidence", confidence, "a number in [0, 1]", (0.0..=1.0).contains(&confidence));
         Ok(faults.end()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dappo_nn::Standardizer;
+
+    use super::*;
+    use crate::{Head, Subject, Twin};
+
+    fn diagnoser(method: Method, twin: Option<Twin>) -> Description {
+        Description {
+            method,
+            timesteps: 1,
+            obs_dim: 1,
+            action_dim: 1,
+            head: Head::Classes,
+            embedding: 1,
+            lstm: 1,
+            hidden: Vec::new(),
+            held_out: Vec::new(),
+            twin,
+            subject: Subject { robot: "toy".into(), class_names: Vec::new(), codes: Vec::new() },
+            standardizer: Standardizer::of(vec![0.0], vec![1.0]).unwrap(),
+        }
+    }
+
+    #[test]
+    fn an_observed_robot_needs_surer_diagnoses_unless_told_otherwise() {
+        let confidence = |twin, confidence| {
+            let config = ControllerConfig { confidence, ..ControllerConfig::default() };
+            config.resolved(&diagnoser(Method::A, twin)).unwrap()
+        };
+        let observed = confidence(None, None);
+        assert!(observed.accepts(0.91) && !observed.accepts(0.89));
+        let compared = confidence(Some(Twin::default()), None);
+        assert!(compared.accepts(0.5) && !compared.accepts(0.49));
+        assert_eq!(confidence(None, Some(0.25)).confidence, Some(0.25));
+    }
+
+    #[test]
+    fn the_trigger_is_that_of_the_diagnoser_unless_another_one_can_be_used() {
+        let twin = Some(Twin::default());
+        let resolve = |trigger, method, twin| {
+            let config = ControllerConfig { trigger, ..ControllerConfig::default() };
+            config.resolved(&diagnoser(method, twin)).map(|config| config.trigger)
+        };
+        let becomes = |trigger, method, twin| resolve(trigger, method, twin).unwrap().unwrap();
+        assert_eq!(becomes(None, Method::B, twin), Trigger::Residual);
+        assert_eq!(becomes(None, Method::A, twin), Trigger::Residual);
+        assert_eq!(becomes(None, Method::A, None), Trigger::Observation);
+        assert_eq!(becomes(Some(Trigger::Speed), Method::C, twin), Trigger::Speed);
+        assert_eq!(becomes(Some(Trigger::Observation), Method::A, twin), Trigger::Observation);
+        for (trigger, method, twin, why) in [
+            (Trigger::Observation, Method::C, twin, "(method C); train one with the method A"),
+            (Trigger::Residual, Method::A, None, "the trigger `residual` needs one with twins"),
+            (Trigger::Speed, Method::A, None, "the trigger `speed` needs one with twins"),
+        ] {
+            let message = resolve(Some(trigger), method, twin).unwrap_err().to_string();
+            assert!(message.contains(why), "{message}");
+        }
     }
 }

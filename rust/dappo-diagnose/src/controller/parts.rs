@@ -30,13 +30,6 @@ impl Parts {
         factory: &dyn EnvFactory,
     ) -> Result<(Skills, Sources)> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
-        let velocities = MeanVelocities::read(folder)?.ok_or_else(|| {
-            let root = folder.root().display();
-            LearnError::Invalid(format!(
-                "{root} has no table of mean velocities; `dappo-batch evaluate {root}` writes it"
-            ))
-        })?;
-        let baselines = velocities.of(&names)?;
         let policy = RunPolicy::trained(folder, config, factory)?;
         let policy_source = RunSource::of(folder, &policy)?;
         let (expert, expert_source) = match &self.expert {
@@ -49,6 +42,25 @@ impl Parts {
         };
         let model = TrainingFolder::open(&self.diagnoser)?.0.model();
         let diagnoser = Diagnoser::load(&model)?;
+        let velocities = MeanVelocities::read(folder)?;
+        let baselines = match (velocities, diagnoser.description().twin) {
+            (Some(velocities), Some(_)) => Some(velocities.of(&names)?),
+            (None, Some(_)) => {
+                let root = folder.root().display();
+                return Err(LearnError::Invalid(format!(
+                    "{root} has no table of mean velocities; `dappo-batch evaluate {root}` writes it"
+                )));
+            }
+            // They are only compared with those of robots with twins.
+            (_, None) => None,
+        };
+        if let (None, Some((expert, _))) = (diagnoser.description().twin, &self.expert) {
+            return Err(LearnError::Invalid(format!(
+                "the expert {} would never act: without a twin there is no diagnosis window, and the policy itself walks; \
+                 leave out the expert",
+                expert.root().display()
+            )));
+        }
         let sources = Sources {
             policy: policy_source,
             expert: expert_source,
@@ -70,6 +82,8 @@ impl Parts {
         robots: usize,
     ) -> Result<Controller> {
         let (skills, _) = self.load(folder, config, factory)?;
-        Controller::new(skills, settings, factory.backend(robots, None, factory.evaluation_physics())?)
+        Controller::new(skills, settings, robots, || {
+            Ok(factory.backend(robots, None, factory.evaluation_physics())?)
+        })
     }
 }

@@ -57,15 +57,12 @@ impl Suspicion {
             forward_velocity: mean(self.velocities.iter().copied()),
             residual: upper_median(self.residuals.iter().copied()),
         };
-        let suspected = match config.trigger {
-            Trigger::Speed => {
-                let is_full = self.velocities.len() == config.speed_window;
-                is_full.then_some(evidence.forward_velocity < config.speed_fraction * expected)
-            }
-            Trigger::Residual => {
-                let is_full = self.residuals.len() == config.residual_window;
-                evidence.residual.filter(|_| is_full).map(|residual| residual > config.residual_threshold)
-            }
+        let suspected = if config.trigger == Some(Trigger::Speed) {
+            let is_full = self.velocities.len() == config.speed_window;
+            is_full.then_some(evidence.forward_velocity < config.speed_fraction * expected)
+        } else {
+            let is_full = self.residuals.len() == config.residual_window;
+            evidence.residual.filter(|_| is_full).map(|residual| residual > config.residual_threshold)
         };
         match suspected {
             Some(true) => Some(evidence),
@@ -100,7 +97,7 @@ mod tests {
 
     fn config(trigger: Trigger) -> ControllerConfig {
         ControllerConfig {
-            trigger,
+            trigger: Some(trigger),
             speed_window: 4,
             speed_fraction: 0.5,
             residual_window: 5,

@@ -57,8 +57,8 @@ pub struct DatasetHeader {
     pub action_dim: usize,
     /// When the damage strikes, and when the window begins.
     pub timing: Timing,
-    /// Mode of the twin.
-    pub twin: Twin,
+    /// Mode of the twin; nothing for records without one.
+    pub twin: Option<Twin>,
     /// The policy of both robots in the window.
     pub expert: PolicyId,
     /// The policy of the robot before the window.

@@ -47,13 +47,14 @@ pub struct Record {
     pub damaged: Vec<f32>,
     /// Their actions, `[C, T, A]`.
     pub actions: Vec<f32>,
-    /// Observations of their twins, `[C, T, O]`; empty if class 0 is the twin of all.
+    /// Observations of their twins, `[C, T, O]`; empty if class 0 is the twin of all, or without twins.
     pub twin: Vec<f32>,
     /// Steps before the damage.
     pub onset: u32,
-    /// Steps between the damage and the window.
+    /// Steps between the damage and the window; to its end without twins.
     pub delay: u32,
-    /// Whether each robot was out of its range of heights when the window began, `[C]`.
+    /// Whether each robot had fallen when the window began, `[C]`; without twins, whether it fell at its end, before the
+    /// delay was over.
     pub fallen: Vec<bool>,
 }
 
@@ -199,7 +200,7 @@ mod tests {
             obs_dim: 40,
             action_dim: 2,
             timing: Timing::default(),
-            twin: Twin::default(),
+            twin: Some(Twin::default()),
             expert: policy.clone(),
             policy,
             backend: "lanes".into(),

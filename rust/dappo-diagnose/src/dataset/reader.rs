@@ -144,7 +144,7 @@ impl PairSource for Dataset {
         self.header.subject.classes()
     }
 
-    fn twin(&self) -> Twin {
+    fn twin(&self) -> Option<Twin> {
         self.header.twin
     }
 
@@ -167,10 +167,14 @@ impl PairSource for Dataset {
                 "class {class} with {timesteps} steps does not exist; the dataset holds {classes} classes with {most}"
             )));
         }
-        let twin = if self.has("twin") { ("twin", class) } else { ("damaged", 0) };
         self.rows((rollout, class), "damaged", self.obs_dim(), timesteps, &mut window.damaged)?;
         self.rows((rollout, class), "actions", self.action_dim(), timesteps, &mut window.actions)?;
-        self.rows((rollout, twin.1), twin.0, self.obs_dim(), timesteps, &mut window.twin)
+        window.twin.clear();
+        if self.header.twin.is_none() {
+            return Ok(());
+        }
+        let (field, class) = if self.has("twin") { ("twin", class) } else { ("damaged", 0) };
+        self.rows((rollout, class), field, self.obs_dim(), timesteps, &mut window.twin)
     }
 }
 

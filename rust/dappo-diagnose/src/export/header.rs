@@ -137,7 +137,8 @@ pub struct TwinHeader {
     pub touch_sensors: Vec<String>,
     /// Body whose way along x in a control step, divided by the control period, is the forward velocity.
     pub forward_velocity: String,
-    /// Whose actions the twin takes during a diagnosis window; nothing for a policy alone, as in the following entries.
+    /// Whose actions the twin takes during a diagnosis window; nothing for a policy alone and for a diagnoser without a
+    /// twin, as in the following entries.
     pub action: Option<TwinAction>,
     /// Steps of a diagnosis window after which the twin is re-synchronised; 0 = only at the start.
     pub resync: Option<u32>,
@@ -274,6 +275,9 @@ impl ExportHeader {
     #[must_use]
     pub fn text(&self) -> String {
         let what = match &self.diagnoser {
+            Some(diagnoser) if self.twin.action.is_none() => {
+                format!("the last {} observations without a twin", diagnoser.timesteps)
+            }
             Some(diagnoser) => format!("a window of {} steps", diagnoser.timesteps),
             None => "a policy without a diagnoser".to_owned(),
         };
@@ -292,9 +296,11 @@ impl ExportHeader {
         let missing = |what: &str| {
             LearnError::Invalid(format!("the header does not contain the mode of the twin: `{what}`"))
         };
-        let twin = Twin {
-            action: self.twin.action.ok_or_else(|| missing("action"))?,
-            resync: self.twin.resync.ok_or_else(|| missing("resync"))?,
+        let twin = match (self.twin.action, self.twin.resync) {
+            (Some(action), Some(resync)) => Some(Twin { action, resync }),
+            (None, None) if diagnoser.method == Method::A => None,
+            (None, _) => return Err(missing("action")),
+            (_, None) => return Err(missing("resync")),
         };
         Ok(Description {
             method: diagnoser.method,
@@ -339,7 +345,7 @@ mod tests {
 
     use super::*;
 
-    fn header(diagnoser: &Value) -> ExportHeader {
+    fn header(diagnoser: &Value, action: &Value) -> ExportHeader {
         let file = |bytes: u64| json!({"bytes": bytes, "sha256": "0"});
         let class = |name: &str| json!({"name": name, "code": [0], "baseline": null});
         let header = json!({
@@ -359,7 +365,7 @@ mod tests {
             "diagnoser": diagnoser,
             "twin": {
                 "mjcf": "robot.xml", "mujoco": "3.0", "integrator": "RK4", "frame_skip": 5, "action_scale": 1.0,
-                "observation": [], "touch_sensors": [], "forward_velocity": "torso", "action": null, "resync": null,
+                "observation": [], "touch_sensors": [], "forward_velocity": "torso", "action": action, "resync": 0,
                 "residual_scale": null,
             },
             "sources": {
@@ -381,11 +387,13 @@ mod tests {
         });
         let files =
             "  policy.safetensors                7 bytes\n  robot.xml                     12345 bytes\n";
-        for (diagnoser, what) in
-            [(diagnoser, "a window of 50 steps"), (Value::Null, "a policy without a diagnoser")]
-        {
+        for (diagnoser, action, what) in [
+            (&diagnoser, json!("own"), "a window of 50 steps"),
+            (&diagnoser, Value::Null, "the last 50 observations without a twin"),
+            (&Value::Null, Value::Null, "a policy without a diagnoser"),
+        ] {
             let expected = format!("ant: 2 damage classes, {what}, control period 0.05 s\n{files}");
-            assert_eq!(header(&diagnoser).text(), expected);
+            assert_eq!(header(diagnoser, &action).text(), expected);
         }
     }
 }

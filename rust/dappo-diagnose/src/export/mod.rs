@@ -113,7 +113,7 @@ impl Contents<'_> {
     fn header(&self) -> Result<ExportHeader> {
         let Self { policy, classes, controller, body, sources, .. } = self;
         let skills = controller.map(|(skills, _)| skills);
-        let twin = skills.map(|skills| skills.diagnoser.description().twin);
+        let twin = skills.and_then(|skills| skills.diagnoser.description().twin);
         Ok(ExportHeader {
             format: ExportHeader::FORMAT.into(),
             version: env!("CARGO_PKG_VERSION").into(),
@@ -149,7 +149,10 @@ impl Contents<'_> {
                 forward_velocity: body.robot.main_body.clone(),
                 action: twin.map(|twin| twin.action),
                 resync: twin.map(|twin| twin.resync),
-                residual_scale: skills.map(|skills| skills.compared(body.task)).transpose()?,
+                residual_scale: skills
+                    .filter(|_| twin.is_some())
+                    .map(|skills| skills.compared(body.task))
+                    .transpose()?,
             },
             sources: sources.clone(),
             files: BTreeMap::new(),
@@ -253,9 +256,10 @@ impl Export {
         let (path, bytes) = (self.sealed.path(name), self.read(name)?);
         let diagnoser = networks::read_diagnoser(self.header(), diagnoser, &Reader::new(&path, &bytes)?)?;
         let baselines: Option<Vec<f64>> = self.header().classes.iter().map(|class| class.baseline).collect();
-        let missing =
-            || FileKind::Export.unusable(self.folder(), "a damage class has no `baseline`; export again");
-        let baselines = baselines.ok_or_else(missing)?;
+        if baselines.is_none() && diagnoser.description().twin.is_some() {
+            let message = "a damage class has no `baseline`; export again";
+            return Err(FileKind::Export.unusable(self.folder(), message));
+        }
         Ok((Skills { policy, expert, diagnoser, baselines }, config.clone()))
     }
 

@@ -33,11 +33,13 @@ impl ExportedRun<'_> {
     /// Writes a controller next to `out`: the policy of the run and these parts.
     pub fn stage_controller(&self, parts: &Parts, settings: &ControllerConfig, out: &Path) -> Result<Staged> {
         let (skills, sources) = parts.load(self.folder, self.config, self.factory)?;
-        let twins = self.factory.backend(1, None, self.factory.evaluation_physics())?;
-        skills.check(twins.as_ref())?;
-        let classes = classes(&skills.diagnoser.description().subject, Some(&skills.baselines));
-        let controller = Some((&skills, settings));
-        let (policy, body, config) = (&skills.policy, self.body(twins.task()), self.config);
+        let robot = self.factory.backend(1, None, self.factory.evaluation_physics())?;
+        let settings = settings.clone().resolved(skills.diagnoser.description())?;
+        skills.check()?;
+        skills.check_robot(robot.as_ref())?;
+        let classes = classes(&skills.diagnoser.description().subject, skills.baselines.as_deref());
+        let controller = Some((&skills, &settings));
+        let (policy, body, config) = (&skills.policy, self.body(robot.task()), self.config);
         Contents { policy, classes, controller, body, config, sources }.stage(out)
     }
 

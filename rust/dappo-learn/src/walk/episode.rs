@@ -7,7 +7,7 @@ use super::Event;
 pub enum Kept {
     /// Sums over its steps: a few numbers, however long it is.
     Sums,
-    /// These, and the forward velocity in every step.
+    /// These, and the forward velocity and the tracking in every step.
     Velocities,
     /// These, and the positions of the first robot, to draw them.
     Positions,
@@ -36,6 +36,10 @@ pub struct Episode {
     pub events: Vec<Event>,
     /// Forward velocity in every step, m/s, `[steps]`, or empty.
     pub velocities: Vec<f64>,
+    /// How well the command was tracked in every step, from 0 to 1, `[steps]`; empty for a task without commands, too.
+    pub trackings: Vec<f64>,
+    /// What that would be for a robot at rest, `[steps]`, or empty.
+    pub at_rest: Vec<f64>,
     /// Positions before every step and after the last, `[steps + 1, nq]`, or empty.
     pub positions: Vec<f64>,
 }

@@ -101,11 +101,12 @@ impl Trial {
             for event in agent.take_events().into_iter().filter(|event| walking[event.robot]) {
                 walks.episodes[event.robot].events.push(event);
             }
+            let command = env.buffers().command.clone();
             env.step(&actions)?;
             if walking[0] {
                 self.film(&env, &mut walks)?;
             }
-            self.count(&env, &mut walks.episodes, &mut walking);
+            self.count(&env, &command, &mut walks.episodes, &mut walking);
         }
         Ok(Some(walks))
     }
@@ -134,8 +135,9 @@ impl Trial {
         Ok(env)
     }
 
-    /// Adds the last step to the episodes that it belongs to, and notes which of them it ended.
-    fn count(&self, env: &VectorEnv, episodes: &mut [Episode], walking: &mut [bool]) {
+    /// Adds the last step to the episodes that it belongs to, and notes which of them it ended. `command` is what held in
+    /// this step, `[N, command_len]`.
+    fn count(&self, env: &VectorEnv, command: &[f64], episodes: &mut [Episode], walking: &mut [bool]) {
         let buffers = env.buffers();
         let task = env.backend().task();
         for (index, episode) in episodes.iter_mut().enumerate().filter(|(index, _)| walking[*index]) {
@@ -143,7 +145,13 @@ impl Trial {
             episode.forward_reward += buffers.forward_velocity[index];
             episode.episode_return += buffers.rewards[index];
             if let Some((term, weight)) = task.tracking() {
-                episode.tracking += buffers.reward_terms[index * task.reward_len() + term] / weight;
+                let tracking = buffers.reward_terms[index * task.reward_len() + term] / weight;
+                episode.tracking += tracking;
+                if self.kept != Kept::Sums {
+                    let length = task.command_len();
+                    episode.trackings.push(tracking);
+                    episode.at_rest.extend(task.tracking_at_rest(&command[index * length..][..length]));
+                }
             }
             episode.fell = buffers.terminated[index];
             episode.diverged = buffers.diverged[index];

@@ -4,7 +4,7 @@ use dappo_learn::walk::{Episode, Kept, Walks};
 use dappo_sim::vector_env::{DamageCourse, StepRange};
 
 use super::*;
-use crate::adapt::AssumedClass;
+use crate::adapt::{AssumedClass, Tracking};
 
 fn trial(episodes: usize) -> Trial {
     let onset = StepRange { first: 300, last: 300 };
@@ -50,6 +50,7 @@ fn healthy() -> ClassOutcome {
         velocity_before: 2.0,
         velocity_kept: 1.5,
         oracle_velocity_kept: Some(2.0),
+        tracking: Tracking::default(),
         adapted: 1500.0,
         oracle: Some(2000.0),
         no_adaptation: 2000.0,
@@ -224,4 +225,24 @@ fn what_no_class_has_is_a_dash_or_left_out() {
         damage that costs more than half of the speed: – of 3 episodes detected, after – steps (median)\n";
     assert!(text.contains(expected), "{text}");
     assert!(text.contains("adapted 80.0 %, no adaptation 30.0 %\n"), "{text}");
+}
+
+#[test]
+fn a_task_with_commands_is_described_by_its_tracking() {
+    let tracking = Tracking { before: Some(0.8), kept: Some(0.6), oracle_kept: Some(0.75) };
+    let class = ClassOutcome { tracking, ..jammed() };
+    let text = class.text(&trial(4), 0.02);
+    let line = "  tracking of the commands before step 300: 0.80; over the last 200 steps: 0.60, 75.0 % of that before, \
+                80.0 % of the oracle's\n";
+    assert!(text.contains(line), "{text}");
+    assert!(text.contains("at least 80 % of the oracle's tracking at the end"), "{text}");
+    assert!(text.contains("  tracking, summed over the steps from step 300 on:\n"), "{text}");
+    assert!(!text.contains(" m  "), "{text}");
+    let text =
+        summary(vec![healthy(), class.clone(), class]).text(&trial(4), &known(), &contest(Vec::new()), 0.02);
+    assert!(text.contains("kept tracking"), "{text}");
+    assert!(
+        text.contains("tracking over the last 200 steps: 90.0 % of the oracle's, 45.0 % of that before"),
+        "{text}"
+    );
 }

@@ -14,7 +14,8 @@ use crate::run_robot::OpenRun;
 arguments! {
     /// The parts of a controller other than its policy, and its settings.
     pub struct ControllerArgs {
-        /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
+        /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset
+        /// residual, or observation
         #[arg(long, value_name = "DIR")]
         pub diagnoser: PathBuf,
         /// How it is used.
@@ -30,9 +31,11 @@ arguments! {
         /// learned from [default: RUN with the code of no damage]
         #[arg(long, value_name = "RUN", requires = "diagnoser")]
         pub expert: Option<PathBuf>,
-        /// What raises suspicion: steps that differ from those of a simulated twin (residual), or too low a speed
-        #[arg(long, default_value = "residual", requires = "diagnoser")]
-        pub trigger: OneOf<Trigger>,
+        /// What reveals damage: steps that differ from those of a simulated twin (residual), too low a speed, or
+        /// diagnoses of the last observations without a twin (observation) [default: residual, or observation with a
+        /// diagnoser of the preset observation]
+        #[arg(long, requires = "diagnoser")]
+        pub trigger: Option<OneOf<Trigger>>,
         /// Other settings of the controller, for example cooldown=100
         #[arg(long, value_name = "KEY=VALUE", num_args = 1.., requires = "diagnoser")]
         pub controller: Vec<Assignment>,
@@ -59,6 +62,6 @@ impl DiagnosisArgs {
 
     /// The settings of the controller.
     pub fn config(&self) -> dappo_learn::Result<ControllerConfig> {
-        controller::settings(&self.trigger, &self.controller)
+        controller::settings(self.trigger.as_deref(), &self.controller)
     }
 }

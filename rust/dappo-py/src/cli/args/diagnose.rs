@@ -21,7 +21,7 @@ pub struct DiagnoseArgs {
 /// The commands of `diagnose`.
 #[derive(Debug, Subcommand)]
 pub enum DiagnoseCommand {
-    /// Record damaged robots and their healthy twins
+    /// Record damaged robots and their healthy twins, or the robots alone
     Collect(Box<CollectArgs>),
     /// Train a network that classifies the damage from such records
     Train(TrainDiagnoserArgs),
@@ -48,14 +48,15 @@ arguments! {
         #[arg(long, value_name = "T", allow_negative_numbers = true, default_value = "50")]
         pub timesteps: Count<1>,
         /// Mid-episode damage and a twin that is re-synchronised before every step, as `adapt` needs it
-        /// (residual), the same with a free-running twin (runtime), or damage at the start of an episode
-        /// (paper)
-        #[arg(long, default_value = "residual")]
-        pub preset: OneOf<Preset>,
+        /// (residual), the same with a free-running twin (runtime), damage at the start of an episode
+        /// (paper), or mid-episode damage without a twin (observation) [default: residual, or observation for
+        /// robots that do not observe their whole state]
+        #[arg(long)]
+        pub preset: Option<OneOf<Preset>>,
         /// Steps of healthy walk before the damage, instead of the preset's
         #[arg(long, value_name = "FIRST-LAST")]
         pub onset: Option<Span>,
-        /// Steps between the damage and the recording, instead of the preset's
+        /// Steps between the damage and the recording, without a twin to its end, instead of the preset's
         #[arg(long, value_name = "FIRST-LAST")]
         pub delay: Option<Span>,
         /// Run folder of the policy that walks before the recording [default: the expert]
@@ -98,7 +99,7 @@ arguments! {
         #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "method", "timesteps", "rollouts", "seed", "head", "held_out", "set"])]
         pub resume: Option<PathBuf>,
         /// What the network sees: A the damaged robot, B its difference to the twin, C both, D both and the action
-        /// [default: B]
+        /// [default: B, or A for records without a twin]
         #[arg(long)]
         pub method: Option<OneOf<Method>> => "method",
         /// Steps that it sees [default: all of the data]

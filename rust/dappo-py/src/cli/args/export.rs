@@ -12,8 +12,8 @@ arguments! {
         /// Run folder of the policy; one for a controller observes the damage and has been evaluated
         #[arg(value_name = "RUN")]
         pub run: PathBuf,
-        /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset residual
-        /// [default: none, the policy alone is exported]
+        /// Folder of a diagnoser that `diagnose train` made, best from records of this RUN with the preset
+        /// residual, or observation [default: none, the policy alone is exported]
         #[arg(long, value_name = "DIR")]
         pub diagnoser: Option<PathBuf>,
         /// The controller.

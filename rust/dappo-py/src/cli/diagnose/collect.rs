@@ -3,16 +3,18 @@
 use std::path::Path;
 use std::time::Instant;
 
+use dappo_diagnose::Preset;
 use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
 use dappo_diagnose::dataset::{DatasetHeader, Shard};
-use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
+use dappo_learn::fleet::Fleet;
 use dappo_learn::robot_files::keep_first;
-use dappo_learn::{FileKind, Result, RunPolicy};
+use dappo_learn::{FileKind, LearnError, Result, RunPolicy};
+use dappo_sim::Severity;
 use pyo3::prelude::*;
 use serde_json::json;
 
-use crate::cli::args::CollectArgs;
+use crate::cli::args::{CollectArgs, OneOf};
 use crate::cli::console::{note, print_line};
 use crate::cli::progress::Watch;
 use crate::cli::{Caller, INTERRUPTED, settings};
@@ -27,9 +29,15 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let policy = policy.map(|policy| run.open_other(py, policy, false)).transpose()?;
     let OpenRun { folder, mut config, robot, .. } = run;
     settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
-    let wanted = collect_config(arguments, &config).or_raise()?;
+    // Before the robot is compiled, which takes time.
+    arguments.check().or_raise()?;
     let pool = Pool::new(arguments.simulation.threads())?;
     let factory = TableFactory::compile(py, &config)?;
+    let preset = match arguments.preset {
+        Some(preset) => preset.get(),
+        None => preset_for(&factory, arguments.json).or_raise()?,
+    };
+    let wanted = arguments.collection(preset, config.damage.severity).or_raise()?;
     let (expert, policy) = pool.run(py, || -> Result<_> {
         let expert = RunPolicy::trained(&folder, &config, &factory)?;
         let policy = policy.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
@@ -71,23 +79,54 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     Ok(if collected.interrupted { INTERRUPTED } else { 0 })
 }
 
-fn collect_config(arguments: &CollectArgs, config: &Config) -> Result<CollectConfig> {
-    let mut protocol = arguments.preset.get().protocol();
-    protocol.timing.onset = arguments.onset.unwrap_or(protocol.timing.onset);
-    protocol.timing.delay = arguments.delay.unwrap_or(protocol.timing.delay);
-    protocol.timing.check()?;
-    if let Some(action) = arguments.twin_action {
-        protocol.twin.action = action.get();
+/// The preset of a robot for which none was given.
+fn preset_for(factory: &TableFactory, json: bool) -> Result<Preset> {
+    let robot = factory.backend(1, None, factory.evaluation_physics())?;
+    if Fleet::new(robot).check_twins().is_ok() {
+        return Ok(Preset::Residual);
     }
-    protocol.twin.resync = arguments.resync.map_or(protocol.twin.resync, |steps| steps.get() as u32);
-    Ok(CollectConfig {
-        rollouts: arguments.rollouts.count(),
-        timesteps: arguments.timesteps.count(),
-        seed: arguments.seed.wide(),
-        protocol,
-        shard: Shard::parse(&arguments.shard)?,
-        severity: config.damage.severity,
-    })
+    if !json {
+        note!(
+            "{} does not observe its whole state, which a twin would need: preset observation, without twins",
+            factory.robot().name
+        );
+    }
+    Ok(Preset::Observation)
+}
+
+impl CollectArgs {
+    /// Fails with what is wrong for every preset.
+    fn check(&self) -> Result<()> {
+        self.collection(self.preset.map_or(Preset::Residual, OneOf::get), Severity::Same(1.0)).map(drop)
+    }
+
+    fn collection(&self, preset: Preset, severity: Severity) -> Result<CollectConfig> {
+        let mut protocol = preset.protocol();
+        protocol.timing.onset = self.onset.unwrap_or(protocol.timing.onset);
+        protocol.timing.delay = self.delay.unwrap_or(protocol.timing.delay);
+        protocol.timing.check()?;
+        match &mut protocol.twin {
+            Some(twin) => {
+                twin.action = self.twin_action.map_or(twin.action, OneOf::get);
+                twin.resync = self.resync.map_or(twin.resync, |steps| steps.get() as u32);
+            }
+            None if self.twin_action.is_some() || self.resync.is_some() => {
+                return Err(LearnError::Invalid(
+                    "there is no twin with the preset observation; leave out --twin-action and --resync"
+                        .into(),
+                ));
+            }
+            None => {}
+        }
+        Ok(CollectConfig {
+            rollouts: self.rollouts.count(),
+            timesteps: self.timesteps.count(),
+            seed: self.seed.wide(),
+            protocol,
+            shard: Shard::parse(&self.shard)?,
+            severity,
+        })
+    }
 }
 
 /// Keeps a copy of the robot in a new dataset; fails if the records of an earlier one are of another robot.

@@ -2,7 +2,7 @@
 
 use dappo_diagnose::dataset::Dataset;
 use dappo_diagnose::train::{EpochMetrics, EpochProgress, Observer, train};
-use dappo_diagnose::{DiagnoserConfig, LockedTraining, PairSource, Split, TrainingFolder};
+use dappo_diagnose::{DiagnoserConfig, LockedTraining, Method, PairSource, Split, TrainingFolder};
 use dappo_learn::config::Assignment;
 use dappo_learn::robot_files::keep;
 use dappo_learn::{LearnError, Result};
@@ -79,10 +79,13 @@ fn open(arguments: &TrainDiagnoserArgs, data: &Dataset) -> Result<(LockedTrainin
     let subject = &data.header().subject;
     let class = |name: &String| subject.class(name).map(|class| toml::Value::from(class as i64));
     let held_out: Vec<_> = arguments.held_out.iter().map(class).collect::<Result<_>>()?;
-    let of_data = [
+    let mut of_data = vec![
         Assignment::Value("timesteps".into(), (data.timesteps() as i64).into()),
         Assignment::Value("held_out".into(), held_out.into()),
     ];
+    if data.twin().is_none() {
+        of_data.push(Assignment::Value("method".into(), Method::A.name().into()));
+    }
     let settings = [&of_data[..], &arguments.flags(), &arguments.set].concat();
     let config = DiagnoserConfig::with(&settings)?;
     config.check_source(data, subject)?;

@@ -1,23 +1,17 @@
-//! The state of one robot in the run-time loop.
+//! A robot and its twin in the run-time loop.
 
 use super::ControllerConfig;
 use super::probation::Probation;
 use super::suspicion::Suspicion;
 use crate::Window;
 
-/// What a controller stores of one robot.
-pub(super) struct Robot {
-    /// Control steps since its start.
-    pub step: u64,
-    /// The assumed class.
-    pub class: usize,
-    /// Damage class of its twin.
+/// What a controller with twins stores of one robot.
+pub(super) struct Pair {
+    /// Damage class of the twin.
     pub twin_class: usize,
     /// Whether the twin has taken the step whose observation comes next.
     pub has_prediction: bool,
-    /// Whether some of its last readings were not finite.
-    pub is_blind: bool,
-    /// Evidence of damage while it walks.
+    /// Evidence of damage while the robot walks.
     pub suspicion: Suspicion,
     /// The diagnosis window so far, if one is being recorded.
     pub window: Option<Window>,
@@ -25,15 +19,12 @@ pub(super) struct Robot {
     pub probation: Option<Probation>,
 }
 
-impl Robot {
+impl Pair {
     /// A robot that is assumed healthy.
     pub fn new(config: &ControllerConfig) -> Self {
         Self {
-            step: 0,
-            class: 0,
             twin_class: usize::MAX,
             has_prediction: false,
-            is_blind: false,
             suspicion: Suspicion::new(config),
             window: None,
             probation: None,
