@@ -241,8 +241,11 @@ impl Quantity {
             Self::ProjectedGravity => imu(scene, out, &scene.gravity, Reading::Gravity),
             Self::Command => put(out, scene.command()),
             Self::JointPos => {
-                for (index, (entry, joint)) in out.iter_mut().zip(actuated()).enumerate() {
-                    *entry = scene.joint_pos(index, joint);
+                for (entry, joint) in out.iter_mut().zip(actuated()) {
+                    *entry = scene.joint_pos(joint);
+                }
+                for (entry, bias) in out.iter_mut().zip(scene.encoder_bias()) {
+                    *entry += *bias as f32;
                 }
                 distort_encoder(scene, out, Reading::JointPos);
             }

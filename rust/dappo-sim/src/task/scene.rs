@@ -74,17 +74,17 @@ impl<'a> Scene<'a> {
         self.task.events(self.row)
     }
 
-    /// Position of the joint of an actuator as its encoder reads it without a fault, relative to the default pose, rad.
-    pub(super) fn joint_pos(&self, actuator: usize, joint: &JointParts) -> f32 {
-        let position = (self.signals.qpos[joint.qpos] - self.layout.anatomy.start[joint.qpos]) as f32;
-        self.encoder_bias().get(actuator).map_or(position, |bias| position + *bias as f32)
+    /// Position of a joint relative to the default pose, rad.
+    pub(super) fn joint_pos(&self, joint: &JointParts) -> f32 {
+        (self.signals.qpos[joint.qpos] - self.layout.anatomy.start[joint.qpos]) as f32
     }
 
     /// What the encoder of an actuator's joint reads without a fault.
     pub(super) fn encoder(&self, actuator: usize) -> [f32; ENCODER] {
         let joint = self.layout.anatomy.actuators.get(actuator).and_then(|actuator| actuator.joint.as_ref());
+        let bias = self.encoder_bias().get(actuator).map_or(0.0, |bias| *bias as f32);
         let reading =
-            |joint: &JointParts| [self.joint_pos(actuator, joint), self.signals.qvel[joint.dof] as f32];
+            |joint: &JointParts| [self.joint_pos(joint) + bias, self.signals.qvel[joint.dof] as f32];
         joint.map_or([0.0; ENCODER], reading)
     }
 

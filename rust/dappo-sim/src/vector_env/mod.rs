@@ -248,7 +248,8 @@ impl VectorEnv {
         if !buffers.events.is_empty() {
             for (env, row) in rows(buffers.events.len() / self.episodes.len()) {
                 let drawn = task.events(self.backend.memory(env));
-                buffers.events[row].iter_mut().zip(drawn).for_each(|(shown, value)| *shown = value);
+                let mut shown = buffers.events[row].iter_mut();
+                drawn.for_each(|value| shown.next().into_iter().for_each(|shown| *shown = value));
             }
         }
     }
