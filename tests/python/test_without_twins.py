@@ -186,7 +186,7 @@ def test_settings_decide_how_soon_a_diagnosis_is_accepted(parts: Path, ant: Path
     # The first window is full in step 19; then a class must be diagnosed 12 times in a row, every 5 steps.
     patient = steps(diagnose_every=5, agreement=12, confidence=0)
     (first, *others) = steps(diagnose_every=1, agreement=1, confidence=0)
-    assert WINDOW - 1 <= first
+    assert first >= WINDOW - 1
     assert len(others) + 1 > len(patient)
     assert all(step >= WINDOW - 1 + 11 * 5 for step in patient)
     assert steps(confidence=1.0, agreement=150) == []
