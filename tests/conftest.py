@@ -21,7 +21,7 @@ from . import processes
 
 TOGETHER = (
     r"^tests/(kernels|gpu)/|/test_warp_",  # two processes that need a kernel at once both compile it
-    r"/test_(controller|export)\.py$",  # the fixture `parts`
+    r"/test_(controller|export|without_twins)\.py$",  # the fixture `parts`
 )
 """Patterns of test files that run in one process."""
 

@@ -113,17 +113,16 @@ def test_the_policy_has_the_code_of_no_damage_and_later_perhaps_that_of_a_class(
 
 
 def test_damage_of_an_ant_is_recognised_without_a_twin(parts: Path, ant: Path) -> None:
-    at = ("--at", str(ONSET), "--episodes", "6", "--json", "--all-classes")
+    # The diagnoser is small, and never sure.
+    at = ("--at", str(ONSET), "--episodes", "6", "--json", "--all-classes", "--controller", "confidence=0.5")
     out, _ = run("adapt", parts / "aware", "--diagnoser", ant / "diagnoser", *at)
     summary = json.loads(out)["summary"]
     healthy, *damaged = summary["classes"]
     # By chance, one in nine would be right.
     assert summary["correct_last"] > 0.5
     assert summary["correct_first"] > 0.4
-    assert healthy["false_alarms"] <= 2
+    assert healthy["correct_last"] >= 2, "a false alarm ends by itself"
     assert np.mean([row["detected"] for row in damaged]) > 4
-    # Diagnoses need three times five steps.
-    assert min(row["median_delay"] for row in damaged if row["median_delay"]) >= 10
     assert healthy["tracking_before"] is None
 
 
@@ -184,11 +183,12 @@ def test_settings_decide_how_soon_a_diagnosis_is_accepted(parts: Path, ant: Path
         walk(controller, ["missing_toe@1"], 150)
         return [event.step for event in controller.events if event.kind == "adapted"]
 
-    # A class must be diagnosed 12 times in a row at intervals of 5, after the damage in step 60.
-    assert all(step >= ONSET + 12 * 5 - 5 for step in steps(agreement=12))
-    (first, *_) = steps(diagnose_every=1, agreement=1)
-    # The first window is full after 20 steps.
+    # The first window is full in step 19; then a class must be diagnosed 12 times in a row, every 5 steps.
+    patient = steps(diagnose_every=5, agreement=12, confidence=0)
+    (first, *others) = steps(diagnose_every=1, agreement=1, confidence=0)
     assert first >= WINDOW - 1
+    assert len(others) + 1 > len(patient)
+    assert all(step >= WINDOW - 1 + 11 * 5 for step in patient)
     assert steps(confidence=1.0, agreement=150) == []
 
 

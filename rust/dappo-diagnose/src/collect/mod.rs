@@ -102,9 +102,16 @@ fn header(
     }
 }
 
-/// Fails if a collection needs twins that start mid-episode, and the observation does not determine the
-/// state. [`collect`] checks the same; a caller that writes files before it checks first.
-pub fn check_twins(config: &CollectConfig, factory: &dyn EnvFactory) -> Result<()> {
+/// Fails if a collection cannot be made: for settings outside their range, and if it needs twins that start mid-episode but
+/// the observation does not determine the state. [`collect`] checks the same; a caller that writes files before it
+/// checks first.
+pub fn check(config: &CollectConfig, factory: &dyn EnvFactory, policy: Option<&RunPolicy>) -> Result<()> {
+    config.check()?;
+    if config.protocol.twin.is_none() && policy.is_some() {
+        return Err(LearnError::Invalid(
+            "without a twin, one policy walks before and during the recording; leave out `policy`".into(),
+        ));
+    }
     if config.protocol.synchronises_twins() {
         Fleet::new(factory.backend(1, None, factory.evaluation_physics())?).check_twins()?;
     }
@@ -124,13 +131,7 @@ pub fn collect(
     folder: &Path,
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
-    config.check()?;
-    if config.protocol.twin.is_none() && policy.is_some() {
-        return Err(LearnError::Invalid(
-            "without a twin, one policy walks before and during the recording; leave out `policy`".into(),
-        ));
-    }
-    check_twins(config, factory)?;
+    check(config, factory, policy)?;
     let classes = factory.space().classes().len();
     let range = config.shard.range(config.rollouts);
     Bytes::of(range.end, 2 * size_of::<u64>()).require(&format!("the seeds of {} rollouts", range.end))?;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use dappo_diagnose::Preset;
-use dappo_diagnose::collect::{CollectConfig, CollectObserver, check_twins, collect};
+use dappo_diagnose::collect::{CollectConfig, CollectObserver, check, collect};
 use dappo_diagnose::dataset::{DatasetHeader, Shard};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::fleet::Fleet;
@@ -41,7 +41,7 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     let (expert, policy) = pool.run(py, || -> Result<_> {
         let expert = RunPolicy::trained(&folder, &config, &factory)?;
         let policy = policy.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
-        check_twins(&wanted, &factory)?;
+        check(&wanted, &factory, policy.as_ref())?;
         Ok((expert, policy))
     })?;
     keep_robot(py, &arguments.out, (folder.root(), &robot))?;
