@@ -6,7 +6,7 @@
 //! ```text
 //! let rollout = engine.collect(&ppo.frozen()?, &mut episodes, first_step)?;
 //! let targets = gae(&rollout, gamma, gae_lambda);
-//! let losses  = ppo.update(&rollout, &targets)?;
+//! let losses  = ppo.update(&rollout, &targets, done)?;
 //! ```
 //!
 //! Everything here is bit-reproducible on a CPU: random numbers come from counter-based streams, and
@@ -40,7 +40,7 @@ pub mod walk;
 
 pub use error::{FileKind, LearnError, Result};
 pub use gae::{Targets, gae};
-pub use ppo::{Ppo, PpoConfig, PpoLosses};
+pub use ppo::{Ppo, PpoConfig, PpoLosses, Schedule};
 pub use rollout::Rollout;
 pub use run_policy::RunPolicy;
 pub use simulator::Simulator;

@@ -72,7 +72,7 @@ fn update(ppo: &mut Ppo) {
         rollout.record_outcome(step, &rewards, &[false; 32], &[false; 32]).unwrap();
     }
     let targets = gae(&rollout, 0.9, 0.9).unwrap();
-    ppo.update(&rollout, &targets).unwrap();
+    ppo.update(&rollout, &targets, 0.0).unwrap();
 }
 
 fn learner() -> Ppo {

@@ -109,8 +109,12 @@ pub fn unprivileged<'a>(rows: &'a [f32], transform: &InputTransform, obs_dim: us
     if obs_dim == transform.obs_dim() {
         return Cow::Borrowed(rows);
     }
-    let parts = |row: &'a [f32]| [&row[..obs_dim], &row[transform.obs_dim()..]].concat();
-    Cow::Owned(rows.chunks_exact(transform.width()).flat_map(parts).collect())
+    let mut seen = Vec::with_capacity(rows.len() / transform.width() * (obs_dim + transform.code_length()));
+    for row in rows.chunks_exact(transform.width()) {
+        seen.extend_from_slice(&row[..obs_dim]);
+        seen.extend_from_slice(&row[transform.obs_dim()..]);
+    }
+    Cow::Owned(seen)
 }
 
 #[cfg(test)]

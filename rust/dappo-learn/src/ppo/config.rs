@@ -13,6 +13,28 @@ const PRESETS: [&str; 2] = ["paper", "batch"];
 /// Units of a layer at most; whether such a network fits the memory is another question.
 pub const MOST_WIDTH: u64 = 1 << 24;
 
+/// How the learning rates change while a run spends its budget of env steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Schedule {
+    /// They do not.
+    #[default]
+    Constant,
+    /// They fall in proportion to what is left of the budget, to 0 at its end.
+    Linear,
+}
+
+impl Schedule {
+    /// What the learning rates are multiplied by once a share `done` of the budget is spent.
+    #[must_use]
+    pub fn factor(self, done: f64) -> f64 {
+        match self {
+            Self::Constant => 1.0,
+            Self::Linear => 1.0 - done.clamp(0.0, 1.0),
+        }
+    }
+}
+
 /// Settings of PPO. "Paper" marks values that Verma et al. (2019) state; the others are ours.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -56,6 +78,8 @@ pub struct PpoConfig {
     pub value_minibatch_size: usize,
     /// Adam's learning rate for the value net.
     pub value_learning_rate: f64,
+    /// `constant` or `linear`: how both learning rates change during a run.
+    pub schedule: Schedule,
 }
 
 impl Default for PpoConfig {
@@ -80,6 +104,7 @@ impl Default for PpoConfig {
             value_epochs: 10,
             value_minibatch_size: 2048,
             value_learning_rate: 1e-3,
+            schedule: Schedule::Constant,
         }
     }
 }
@@ -217,6 +242,12 @@ mod tests {
         }
         let message = PpoConfig::preset("fast").unwrap_err().to_string();
         assert_eq!(message, "preset is \"fast\", expected \"paper\" or \"batch\"");
+    }
+
+    #[test]
+    fn a_linear_schedule_is_what_is_left_of_the_budget() {
+        assert_eq!([0.0, 0.25, 1.0, 1.5].map(|done| Schedule::Linear.factor(done)), [1.0, 0.75, 0.0, 0.0]);
+        assert_eq!([0.0, 0.25, 1.0].map(|done| Schedule::Constant.factor(done)), [1.0; 3]);
     }
 
     #[test]

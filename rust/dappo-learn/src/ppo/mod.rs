@@ -20,7 +20,7 @@ use burn::tensor::Device;
 use dappo_nn::{ActorCritic, FrozenActorCritic, Gradients, Normalizer, adam};
 use dappo_sim::rng::{Purpose, Stream};
 
-pub use config::PpoConfig;
+pub use config::{PpoConfig, Schedule};
 pub use loss::{Adaptation, PpoLosses};
 
 use crate::envs::Sizes;

@@ -15,24 +15,26 @@ use crate::error::{LearnError, Result};
 use crate::gae::{Targets, explained_variance};
 use crate::rollout::Rollout;
 
-/// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand
-/// takes a fifth of an update, and this many give the divergence to about one percent.
-const PROBE_ROWS: usize = 8192;
+/// Rows that the KL divergence is measured on after an epoch, at most: a pass over a batch of 32 thousand takes a
+/// fifth of an update, and this many give the divergence to a few percent, where a factor of two decides.
+const PROBE_ROWS: usize = 4096;
 
 impl Ppo {
     /// Trains both networks on a rollout, adapts β and the learning rate, and shows the rollout's
     /// observations to the normaliser.
     ///
     /// The policy makes at most `epochs` passes and stops early once KL > `kl_stop` · d*; the value net is
-    /// trained on this batch and the previous one. The outcome is a function of the learner, the rollout
-    /// and the targets alone.
-    pub fn update(&mut self, rollout: &Rollout, targets: &Targets) -> Result<PpoLosses> {
+    /// trained on this batch and the previous one. `done` is the share of the run's budget that is spent, for the
+    /// schedule of the learning rates. The outcome is a function of the learner and the arguments alone.
+    pub fn update(&mut self, rollout: &Rollout, targets: &Targets, done: f64) -> Result<PpoLosses> {
         self.check(rollout, targets)?;
         let value_batch = ValueBatch::new(rollout, targets)?;
+        let schedule = self.config.schedule.factor(done);
         let privileged = self.actor_critic.privileged();
         let seen =
             unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
-        let (policy, value_loss) = self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch)?;
+        let (policy, value_loss) =
+            self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch, schedule)?;
         drop(seen);
         self.previous = Some(value_batch);
         self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target, self.config.max_lr_factor);
@@ -43,7 +45,7 @@ impl Ppo {
             value_loss,
             kl: policy.kl,
             kl_coef: self.adaptation.kl_coef,
-            learning_rate: self.policy_learning_rate(),
+            learning_rate: schedule * self.policy_learning_rate(),
             entropy: entropy(&self.actor_critic.log_std()?),
             explained_variance: explained_variance(&rollout.values, &targets.returns),
             clip_fraction: policy.clip_fraction,
@@ -58,17 +60,18 @@ impl Ppo {
         &mut self,
         policy_batch: &PolicyBatch,
         value_batch: &ValueBatch,
+        schedule: f64,
     ) -> Result<(PolicyOutcome, f64)> {
         let stream = |purpose| Stream::new(self.seed, self.updates, purpose);
         let (shuffle, value_shuffle) = (stream(Purpose::Shuffle), stream(Purpose::ValueShuffle));
         let objective = self.objective();
         let policy = Descent {
-            learning_rate: self.policy_learning_rate(),
+            learning_rate: schedule * self.policy_learning_rate(),
             net: &mut self.actor_critic.policy,
             optimizer: &mut self.policy_optimizer,
         };
         let value = Descent {
-            learning_rate: self.config.value_learning_rate,
+            learning_rate: schedule * self.config.value_learning_rate,
             net: &mut self.actor_critic.value,
             optimizer: &mut self.value_optimizer,
         };

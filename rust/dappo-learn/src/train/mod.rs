@@ -114,7 +114,7 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
     let rollout = session.collect()?;
     let collected = Instant::now();
     let targets = gae(&rollout, config.ppo.gamma, config.ppo.gae_lambda)?;
-    let losses = session.ppo.update(&rollout, &targets)?;
+    let losses = session.ppo.update(&rollout, &targets, done)?;
     let updated = Instant::now();
 
     session.progress.iteration += 1;

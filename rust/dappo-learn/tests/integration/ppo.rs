@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use burn::tensor::Device;
 use dappo_learn::envs::Sizes;
-use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, gae};
+use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, Schedule, gae};
 use dappo_nn::Gradients;
 use dappo_sim::rng::{Purpose, Stream};
 
@@ -58,7 +58,34 @@ fn train(ppo: &mut Ppo) -> (f64, PpoLosses) {
     let rollout = play(ppo, ppo.updates());
     let targets = gae(&rollout, ppo.config().gamma, ppo.config().gae_lambda).unwrap();
     let mean = rollout.rewards.iter().map(|r| f64::from(*r)).sum::<f64>() / rollout.len() as f64;
-    (mean, ppo.update(&rollout, &targets).unwrap())
+    (mean, ppo.update(&rollout, &targets, 0.0).unwrap())
+}
+
+/// Adam's first step has the length of the learning rate for each weight, whatever the gradient is.
+#[test]
+fn a_linear_schedule_shortens_the_steps_of_both_networks() {
+    let once =
+        PpoConfig { epochs: 1, value_epochs: 1, minibatch_size: 512, value_minibatch_size: 512, ..small() };
+    let moved = |schedule, done| {
+        let mut ppo = learner(&PpoConfig { schedule, ..once.clone() });
+        let before = ppo.frozen().unwrap();
+        let rollout = play(&ppo, 0);
+        let targets = gae(&rollout, once.gamma, once.gae_lambda).unwrap();
+        let rate = ppo.update(&rollout, &targets, done).unwrap().learning_rate;
+        let after = ppo.frozen().unwrap();
+        let nets = [(before.policy.net(), after.policy.net()), (before.value(), after.value())];
+        let longest = nets.map(|(before, after)| {
+            let steps = before.parameters().iter().zip(after.parameters()).map(|(x, y)| (x - y).abs());
+            steps.fold(0.0, f32::max)
+        });
+        (rate, longest)
+    };
+    let (rate, [policy, value]) = moved(Schedule::Linear, 0.75);
+    assert!((rate - once.learning_rate / 4.0).abs() < 1e-12, "{rate}");
+    for (step, rate) in [(policy, once.learning_rate), (value, once.value_learning_rate)] {
+        assert!((f64::from(step) - rate / 4.0).abs() < 0.01 * rate, "{step} at a rate of {rate}");
+    }
+    assert_eq!(moved(Schedule::Linear, 0.0), moved(Schedule::Constant, 0.75));
 }
 
 /// Everything that a bit could differ in: the next rollout, the normaliser, β and the factor.
@@ -171,7 +198,7 @@ fn a_training_that_diverges_says_so_and_leaves_no_network_of_no_use() {
     let error = (0..3).find_map(|iteration| {
         let rollout = play(&ppo, iteration);
         let targets = gae(&rollout, 0.9, 0.9).unwrap();
-        ppo.update(&rollout, &targets).err()
+        ppo.update(&rollout, &targets, 0.0).err()
     });
     assert!(matches!(error, Some(LearnError::Diverged { .. })), "{error:?}");
     let message = error.unwrap().to_string();
@@ -213,7 +240,7 @@ fn a_rollout_of_another_shape_is_rejected_by_name() {
     let mut rollout = play(&ppo, 0);
     let targets = gae(&rollout, 0.9, 0.9).unwrap();
     rollout.action_dim = 1;
-    let message = ppo.update(&rollout, &targets).unwrap_err().to_string();
+    let message = ppo.update(&rollout, &targets, 0.0).unwrap_err().to_string();
     assert!(message.starts_with("actions [T, N, A] has 1024 elements, expected 512"), "{message}");
 }
 
@@ -232,8 +259,10 @@ fn a_learner_goes_from_the_cpu_to_wgpu_and_back_and_learns_the_same() {
     for iteration in 1..3 {
         let rollout = play(&on_cpu, iteration);
         let targets = gae(&rollout, 0.995, 0.98).unwrap();
-        let (expected, got) =
-            (on_cpu.update(&rollout, &targets).unwrap(), on_gpu.update(&rollout, &targets).unwrap());
+        let (expected, got) = (
+            on_cpu.update(&rollout, &targets, 0.0).unwrap(),
+            on_gpu.update(&rollout, &targets, 0.0).unwrap(),
+        );
         near(got.policy_loss, expected.policy_loss);
         near(got.value_loss, expected.value_loss);
         near(got.kl, expected.kl);
@@ -260,8 +289,8 @@ fn three_iterations_with_written_gradients_follow_those_with_burns_autodiff_and_
         // Both learn from what the first one did.
         let rollout = play(&written, iteration);
         let targets = gae(&rollout, written.config().gamma, written.config().gae_lambda).unwrap();
-        let got = written.update(&rollout, &targets).unwrap();
-        let expected = recorded.update(&rollout, &targets).unwrap();
+        let got = written.update(&rollout, &targets, 0.0).unwrap();
+        let expected = recorded.update(&rollout, &targets, 0.0).unwrap();
         for (name, got, expected) in [
             ("policy loss", got.policy_loss, expected.policy_loss),
             ("value loss", got.value_loss, expected.value_loss),

@@ -1,4 +1,4 @@
-//! Elementwise loops: bias and tanh, their derivatives, column sums.
+//! Elementwise loops: bias, the derivative of tanh, column sums.
 
 #![expect(
     clippy::inline_always,
@@ -7,59 +7,10 @@
 
 use super::level::for_every_level;
 
-/// Beyond this |x|, tanh(x) rounds to ±1 and the approximation below is not used.
-/// Without fused multiply-add the rational function exceeds 1 a little earlier.
-const CLAMP_FMA: f32 = 7.998_811_7;
-const CLAMP_NO_FMA: f32 = 7.905_311;
-
-/// Numerator coefficients of x¹, x³ … x¹³, highest power first.
-///
-/// The rational approximation 13/6 of tanh used by Eigen (`MathFunctionsImpl.h`,
-/// `generic_fast_tanh_float`); its absolute error is below 5e-7 for every f32.
-const NUMERATOR: [f32; 7] = [
-    -2.760_768_5e-16,
-    2.000_188e-13,
-    -8.604_672e-11,
-    5.122_297_1e-8,
-    1.485_722_4e-5,
-    6.372_619_3e-4,
-    4.893_524_6e-3,
-];
-
-/// Denominator coefficients of x⁰, x² … x⁶, highest power first.
-const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525e-3];
-
 /// `a · b + c`.
 #[inline(always)]
 pub(super) fn multiply_add<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
-}
-
-#[inline(always)]
-fn horner<const FMA: bool>(coefficients: &[f32], x: f32) -> f32 {
-    let mut value = coefficients[0];
-    for coefficient in &coefficients[1..] {
-        value = multiply_add::<FMA>(value, x, *coefficient);
-    }
-    value
-}
-
-/// tanh(x) to 5e-7.
-#[inline(always)]
-pub(super) fn tanh<const FMA: bool>(x: f32) -> f32 {
-    let bound = if FMA { CLAMP_FMA } else { CLAMP_NO_FMA };
-    let x = x.clamp(-bound, bound);
-    let square = x * x;
-    x * horner::<FMA>(&NUMERATOR, square) / horner::<FMA>(&DENOMINATOR, square)
-}
-
-#[inline(always)]
-fn bias_tanh_body<const FMA: bool>(rows: &mut [f32], bias: &[f32]) {
-    for row in rows.chunks_exact_mut(bias.len()) {
-        for (x, b) in row.iter_mut().zip(bias) {
-            *x = tanh::<FMA>(*x + *b);
-        }
-    }
 }
 
 #[inline(always)]
@@ -92,13 +43,6 @@ fn column_sums_body<const FMA: bool>(rows: &[f32], sums: &mut [f32]) {
 }
 
 for_every_level! {
-    /// `rows = tanh(rows + bias)`, in place.
-    ///
-    /// # Shapes
-    /// rows `[M, W]`, bias `[W]`
-    fn bias_tanh(rows: &mut [f32], bias: &[f32]) = bias_tanh_body;
-}
-for_every_level! {
     /// `rows += bias`.
     ///
     /// # Shapes
@@ -124,37 +68,8 @@ for_every_level! {
 #[cfg(test)]
 mod tests {
     use super::super::Level;
+    use super::super::tanh::bias_tanh;
     use super::*;
-
-    fn tanh_of(level: Level, xs: &[f32]) -> Vec<f32> {
-        let mut values = xs.to_vec();
-        bias_tanh(level, &mut values, &[0.0]);
-        values
-    }
-
-    #[test]
-    fn tanh_agrees_with_the_f64_function_on_a_dense_grid_at_every_level() {
-        let xs: Vec<f32> = (-240_000..=240_000).map(|i| i as f32 * 5e-5).collect();
-        for level in Level::available() {
-            for (x, y) in xs.iter().zip(tanh_of(level, &xs)) {
-                let expected = f64::from(*x).tanh();
-                let error = (f64::from(y) - expected).abs();
-                assert!(error <= 5e-7, "{level:?}: tanh({x}) = {y}, expected {expected}");
-                assert!(y.abs() <= 1.0, "{level:?}: |tanh({x})| = {y} exceeds 1");
-            }
-        }
-    }
-
-    #[test]
-    fn tanh_keeps_small_arguments_saturates_large_ones_and_passes_nan_on() {
-        for level in Level::available() {
-            let y = tanh_of(level, &[0.0, 1e-6, -1e-6, 50.0, -50.0, f32::INFINITY, f32::NAN]);
-            assert_eq!(y[0], 0.0, "{level:?}");
-            assert!((y[1] / 1e-6 - 1.0).abs() < 1e-6 && y[2] == -y[1], "{level:?}: {y:?}");
-            assert!((y[3] - 1.0).abs() < 3e-7 && y[4] == -y[3] && y[5] == y[3], "{level:?}: {y:?}");
-            assert!(y[6].is_nan(), "{level:?}: {y:?}");
-        }
-    }
 
     #[test]
     fn all_levels_agree_on_every_kernel() {

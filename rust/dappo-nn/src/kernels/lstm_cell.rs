@@ -14,8 +14,9 @@
     reason = "a body is compiled for an instruction set only inside the function that enables it"
 )]
 
-use super::elementwise::{multiply_add, tanh};
+use super::elementwise::multiply_add;
 use super::level::for_every_level;
+use super::tanh::tanh;
 
 /// Units computed at once by the backward pass.
 const LANES: usize = 16;

@@ -10,10 +10,11 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::Level;
-use super::elementwise::{bias_add, bias_tanh, column_sums, tanh_backward};
+use super::elementwise::{bias_add, column_sums, tanh_backward};
 use super::matmul::Destination::{Accumulate, Overwrite};
 use super::matmul::{Matrix, matmul};
 use super::reduce::add_in_order;
+use super::tanh::bias_tanh;
 
 /// Rows that go through the net at a time: their activations and gradients in a 100-200-100 net and its weights then
 /// fit into a core's second-level cache.

@@ -14,6 +14,7 @@ mod mlp;
 #[cfg(target_arch = "x86_64")]
 mod product;
 mod reduce;
+mod tanh;
 
 pub use level::Level;
 pub use mlp::{MlpPass, forward, parameter_count, partitions};
