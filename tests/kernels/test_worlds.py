@@ -154,7 +154,7 @@ def test_a_solver_that_reaches_its_iteration_limit_is_no_error(euler_table: Clas
     models = tuple(copy.copy(model) for model in euler_table.models)
     for model in models:
         model.opt.iterations = model.opt.ls_iterations = 1
-    worlds = Worlds(Task.of(replace(euler_table, models=models)), KEYS)
+    worlds = Worlds(Task.of(replace(euler_table, all_models=models)), KEYS)
     lay_down(worlds)
     assert (worlds.data.overflow.numpy() & int(mjw.OverflowType.ITERATIONS)).all()
     worlds.raise_on_overflow()

@@ -47,7 +47,7 @@ def with_cone(table: ClassTable, cone: mujoco.mjtCone) -> ClassTable:
     models = tuple(converged(model) for model in table.models)
     for model in models:
         model.opt.cone = cone
-    return dataclasses.replace(table, models=models)
+    return dataclasses.replace(table, all_models=models)
 
 
 def evaluate(model: mujoco.MjModel, states: States) -> Reference:

@@ -168,7 +168,7 @@ def test_a_nearly_massless_limb_is_simulated_as_mujoco_does(ant_table: ClassTabl
         light.body_inertia[-1] *= 1e-6
         mujoco.mj_setConst(light, mujoco.MjData(light))
         models.append(light)
-    table = type(ant_table)(**{**ant_table.__dict__, "models": tuple(models)})
+    table = type(ant_table)(**{**ant_table.__dict__, "all_models": tuple(models)})
     classes, states, expected = of_all_classes(table, "hard", 2)
     qacc, cfrc_ext, _ = LaneWorlds(table, classes, precision="f64").forward(*states)
     assert relative_error(qacc, expected.qacc) < 1e-9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import hashlib
 import importlib.util
@@ -191,13 +192,15 @@ def test_the_header_describes_everything_that_a_program_needs(exports: Path, par
     assert header["format"] == "dappo-batch export 1"
     assert (header["robot"], header["control_period"]) == ("ant", 0.05)
     assert (header["obs_dim"], header["action_dim"]) == (OBS, ACTIONS)
-    with dappo_batch.make_vec("ant", 1, observe_damage=False) as env:
+    with contextlib.closing(dappo_batch.make_vec("ant", 1, observe_damage=False)) as env:
         names = zip(env.obs_names, env.obs_units, strict=True)
         assert header["observation"] == [{"name": name, "unit": unit} for name, unit in names]
         model = env.table.models[0]
     joints = [model.joint(model.actuator(index).trnid[0]) for index in range(ACTIONS)]
     assert [entry["name"] for entry in header["joints"]] == [joint.name for joint in joints]
-    assert [entry["default"] for entry in header["joints"]] == [model.qpos0[joint.qposadr[0]] for joint in joints]
+    assert [entry["default"] for entry in header["joints"]] == [
+        model.qpos0[joint.qposadr[0]] for joint in joints
+    ]
     assert [entry["name"] for entry in header["classes"]] == [item.name for item in space.classes]
     assert [entry["code"] for entry in header["classes"]] == [item.code for item in space.classes]
     with (parts / "aware" / "eval" / "per_class.csv").open(newline="") as file:

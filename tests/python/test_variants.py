@@ -423,7 +423,8 @@ def test_check_prints_the_variants(tmp_path: Path, capsys: pytest.CaptureFixture
     assert (report.models, report.model_bytes) == (len(table.all_models), table.nbytes)
     from dappo_batch.commands.check import command
 
-    command(robot=str(path), types=None, max_damaged_limbs=None, picture=None, json=False)
+    nothing = dict.fromkeys(("types", "max_damaged_limbs", "max_damages_per_limb", "picture"))
+    command(robot=str(path), **nothing, json=False)
     printed = capsys.readouterr().out
     assert f"4 compiled variants of each damage class: {len(table.all_models)} models" in printed
     assert f"{table.variants.numbers[2][0]:.6g}" in printed

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-
-from dappo_batch._checks import integer, real, sequence, shown
+from dappo_batch._checks import integer, items, real, shown
 from dappo_batch._core import ConfigError, DappoError
 from dappo_batch.robots.faults import raise_faults
 
@@ -116,18 +114,18 @@ def severity_levels(severity: object, levels: object = 4) -> tuple[Severity, tup
         If they are out of range.
     """
     count = integer(levels, "severity_levels", 2, 1000)
-    if not isinstance(severity, Sequence | np.ndarray) or isinstance(severity, str):
+    bounds = items(severity)
+    if bounds is None:
         one = real(severity, "severity")
         if not 0.0 < one <= 1.0:
             raise ConfigError(f"severity must be above 0 and at most 1, got {one}")
         return one, (one,)
-    bounds = [real(bound, "a bound of severity") for bound in sequence(severity, "severity")]
-    if len(bounds) != 2 or not 0.0 < bounds[0] < bounds[1] <= 1.0:
+    low, high = (real(bound, "a bound of severity") for bound in bounds) if len(bounds) == 2 else (1.0, 0.0)
+    if not 0.0 < low < high <= 1.0:
         raise ConfigError(
             "severity must be a number, or a range (low, high) with 0 < low < high <= 1, got"
             f" {shown(severity)}"
         )
-    low, high = bounds
     steps = tuple(low + (high - low) * step / (count - 1) for step in range(count - 1))
     return (low, high), (*steps, high)
 
