@@ -17,6 +17,19 @@ SECONDS = 240  # far more than any block needs: only a hang is cut off
 
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
+# The documentation shows sizes that a reader wants; a test wants small ones.
+SMALLER = {
+    "--envs": "4",
+    "--episodes": "1",
+    "--seconds": "0.05",
+    "--rounds": "1",
+    "--rollouts": "4",
+    "--at": "10",
+}
+SMALL_TRAINING = (
+    "--set horizon=16 env.max_episode_steps=20 evaluation.episodes=1 ppo.epochs=1 ppo.value_epochs=1"
+)
+
 
 class Block(NamedTuple):
     """A fenced block of a page: commands or code, which a test may run, or a file that the reader saves."""
@@ -60,3 +73,21 @@ def run_line(line: str, folder: Path) -> None:
         dappo_batch(*shlex.split(line)[1:], cwd=folder)
     else:
         run(["bash", "-euo", "pipefail", "-c", line], folder)
+
+
+def shrunk(line: str) -> str:
+    """Return a command line of the documentation with sizes that take a second."""
+    if not line.startswith("dappo-batch "):
+        return line
+    for option, value in SMALLER.items():
+        line = re.sub(rf"{option} \S+", f"{option} {value}", line)
+    if line.startswith("dappo-batch train"):
+        if "--resume" in line:
+            return re.sub(r"--steps \S+", "--steps 256", line)
+        line = re.sub(r" --(steps|envs) \S+", "", line)
+        return f"{line} --steps 128 --envs 4 {SMALL_TRAINING}"
+    if line.startswith("dappo-batch render"):
+        return f"{line} --steps 20"
+    if line.startswith("dappo-batch diagnose train"):
+        return f"{line.split(' --set ')[0]} --set epochs=1"
+    return line

@@ -17,7 +17,7 @@ import pytest
 import dappo_batch as package
 
 from .command_line import dappo_batch
-from .pages import FENCE, ROOT, blocks, name_of, run, run_line
+from .pages import FENCE, ROOT, blocks, name_of, run, run_line, shrunk
 
 FRAME = {ROOT / "docs" / name for name in ("index.md", "api.md")}  # speak to the generator of the site alone
 PAGES = [
@@ -44,19 +44,6 @@ CLASSES = "|".join(name for name in package.__all__ if isinstance(getattr(packag
 MEMBER = re.compile(rf"(?<![\w.])(?:{CLASSES})\.[a-z_]\w*")
 GONE = {"dappo_batch.gpu_check"}  # the changelog says where it went
 COMMAND = re.compile(r"\bdappo-batch(?: ([a-z]\S*))?([^|\n;&]*)")
-
-# The documentation shows sizes that a reader wants; a test wants small ones.
-SMALLER = {
-    "--envs": "4",
-    "--episodes": "1",
-    "--seconds": "0.05",
-    "--rounds": "1",
-    "--rollouts": "4",
-    "--at": "10",
-}
-SMALL_TRAINING = (
-    "--set horizon=16 env.max_episode_steps=20 evaluation.episodes=1 ppo.epochs=1 ppo.value_epochs=1"
-)
 
 
 def marked(path: Path) -> object:
@@ -124,24 +111,6 @@ def source_of(module: str) -> str | None:
 def help_of(command: str) -> str:
     """Return what ``dappo-batch COMMAND --help`` prints; the list of commands for an empty name."""
     return dappo_batch(*command.split(), "--help")[0]
-
-
-def shrunk(line: str) -> str:
-    """Return a command line of the documentation with sizes that take a second."""
-    if not line.startswith("dappo-batch "):
-        return line
-    for option, value in SMALLER.items():
-        line = re.sub(rf"{option} \S+", f"{option} {value}", line)
-    if line.startswith("dappo-batch train"):
-        if "--resume" in line:
-            return re.sub(r"--steps \S+", "--steps 256", line)
-        line = re.sub(r" --(steps|envs) \S+", "", line)
-        return f"{line} --steps 128 --envs 4 {SMALL_TRAINING}"
-    if line.startswith("dappo-batch render"):
-        return f"{line} --steps 20"
-    if line.startswith("dappo-batch diagnose train"):
-        return f"{line.split(' --set ')[0]} --set epochs=1"
-    return line
 
 
 @pytest.fixture
