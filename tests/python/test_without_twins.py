@@ -104,12 +104,12 @@ def test_the_policy_has_the_code_of_no_damage_and_later_perhaps_that_of_a_class(
             assert len(changes) <= 1
             assert len(changes) == 0 or nearest[0] == 0
             given.append((damage, nearest[-1]))
-    damage, told = np.array(given).T
+    damage, received = np.array(given).T
     damaged = damage > 0
-    # Half of the robots and a ninth of a quarter are told no damage, and others are not told yet.
-    assert 0.5 < np.mean(told[damaged] == 0) < 0.85
-    assert 0.1 < np.mean(told[damaged] == damage[damaged]) < 0.35
-    assert np.mean((told != damage) & (told > 0)) > 0.08
+    # Half of the robots and a ninth of a quarter receive no damage, and others have not received any yet.
+    assert 0.5 < np.mean(received[damaged] == 0) < 0.85
+    assert 0.1 < np.mean(received[damaged] == damage[damaged]) < 0.35
+    assert np.mean((received != damage) & (received > 0)) > 0.08
 
 
 def test_damage_of_an_ant_is_recognised_without_a_twin(parts: Path, ant: Path) -> None:

@@ -185,7 +185,7 @@ impl Recorder for Alone<'_> {
     }
 }
 
-/// The class that the policy is told: half of the time no damage, a quarter each the right class and any other.
+/// The class whose code the policy receives: half of the time no damage, a quarter each the right class and any other.
 fn assumed(stream: &mut Stream, class: usize, classes: usize) -> usize {
     match stream.below(4) {
         0 | 1 => 0,
