@@ -99,6 +99,7 @@ class VectorEnv:
         onset: tuple[int, int] = ...,
         damage_duration: tuple[int, int] | None = None,
         damage_pause: tuple[int, int] | None = None,
+        code_delay: tuple[int, int] = (0, 0),
         threads: int | None = None,
         device: str = "cpu",
         backend: str = "auto",

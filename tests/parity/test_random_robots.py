@@ -17,7 +17,7 @@ from dappo_batch._core import LaneWorlds
 
 from .states import States, advance, converged, evaluate, relative_error
 
-SHAPES = [(3, 2), (4, 2), (4, 3), (6, 3)]
+SHAPES = [(3, 2), (4, 2), (4, 3), (6, 3), (2, 6), (5, 7)]
 """Limbs and joints of a limb that the engine is compiled for."""
 INTEGRATORS = ["RK4", "Euler", "implicitfast"]
 FEATURES = [

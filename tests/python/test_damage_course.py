@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SEED, ENVS, STEPS = 11, 16, 30
-ONSET, DAMAGE_DURATION = 2, 22  # purposes of random streams
+ONSET, DAMAGE_DURATION, CODE_DELAY = 2, 22, 26  # purposes of random streams
 COURSE: dict[str, Any] = {"onset": (2, 6), "damage_duration": (1, 7), "damage_pause": (2, 4)}
 
 
@@ -58,6 +58,30 @@ def test_damage_lasts_and_pauses_as_drawn_for_any_threads(
     np.testing.assert_array_equal(one, two)
     for env in range(ENVS):
         assert one[:, env].tolist() == expected(env, damage, returns=returns)
+
+
+@pytest.mark.parametrize("onset", [0, (2, 6)])
+def test_codes_are_late_as_drawn_and_classes_are_not(
+    ant_table: ClassTable, backend: str, onset: int | tuple[int, int]
+) -> None:
+    options: dict[str, Any] = {"backend": backend, "seed": SEED, "damage": "jammed_joint@1", "code_delay": (0, 5)}
+    envs = db.make_vec(ant_table, ENVS, onset=onset, damage_duration=(3, 9), **options)
+    obs, infos = envs.reset()
+    seen = [(obs[:, -8:], infos["damage_class"])]
+    for _ in range(STEPS):
+        obs, _, terminated, _, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+        assert not terminated.any()
+        seen.append((obs[:, -8:], infos["damage_class"]))
+    envs.close()
+    code_of = np.array([item.code for item in ant_table.space.classes])
+    delays = [Stream(SEED + env, 0, CODE_DELAY).below(6) for env in range(ENVS)]
+    assert set(delays) == {0, 1, 2, 3, 4, 5}
+    for env, delay in enumerate(delays):
+        classes = [int(damage[env]) for _, damage in seen]
+        # The class at the reset is that of the first step.
+        acted = [classes[0], *classes[1:]] if delay == 0 else [0] * (delay + 1) + classes[1 : len(classes) - delay]
+        np.testing.assert_array_equal([code[env] for code, _ in seen], code_of[acted])
+        assert len(set(classes)) == 2
 
 
 def test_a_robot_recovers_as_one_that_continues_with_the_healthy_model(
@@ -113,7 +137,9 @@ def test_a_reset_fixes_duration_and_pause_of_each_env(ant_table: ClassTable) -> 
 
 
 def test_a_saved_state_and_the_next_episodes_keep_the_course(ant_table: ClassTable, backend: str) -> None:
-    envs = db.make_vec(ant_table, 8, seed=4, backend=backend, max_episode_steps=12, **COURSE)
+    envs = db.make_vec(
+        ant_table, 8, seed=4, backend=backend, max_episode_steps=12, code_delay=(0, 3), **COURSE
+    )
     actions = np.random.default_rng(0).uniform(-1, 1, (40, 8, 8)).astype(np.float32)
     envs.reset()
     for action in actions[:7]:
@@ -138,6 +164,8 @@ def test_a_saved_state_and_the_next_episodes_keep_the_course(ant_table: ClassTab
         ({"damage_duration": (5, 2)}, "damage_duration: the range must not be empty"),
         ({"damage_duration": 2, "damage_pause": (0, 3)}, "damage_pause .*1"),
         ({"damage_duration": "long"}, "damage_duration"),
+        ({"code_delay": -1}, "code_delay .*0"),
+        ({"code_delay": (5, 2)}, "code_delay: the range must not be empty"),
     ],
 )
 def test_wrong_durations_are_refused(ant_table: ClassTable, options: dict[str, Any], error: str) -> None:
@@ -147,7 +175,7 @@ def test_wrong_durations_are_refused(ant_table: ClassTable, options: dict[str, A
 
 def test_a_training_with_damage_that_returns_resumes_exactly_and_is_evaluated_with_it(tmp_path: Path) -> None:
     course = {"damage.onset": {"first": 1, "last": 5}, "damage.duration": {"first": 2, "last": 9}}
-    course |= {"damage.pause": {"first": 1, "last": 4}}
+    course |= {"damage.pause": {"first": 1, "last": 4}, "damage.code_delay": {"first": 0, "last": 3}}
     settings: dict[str, Any] = {
         "robot": "ant",
         "num_envs": 8,
@@ -183,6 +211,7 @@ def test_a_configuration_with_a_pause_alone_is_refused(tmp_path: Path) -> None:
             "damage.duration={ first = 0, last = 2 }",
             "`damage.duration` is 0 to 2, expected a range in ascending order",
         ),
+        ("damage.code_delay={ first = 4, last = 2 }", "`damage.code_delay` is 4 to 2, expected a range in"),
     ):
         _, error = dappo_batch("train", *TINY, setting, "--run", tmp_path / "run", code=1)
         assert fault in error

@@ -60,6 +60,9 @@ class EnvOptions(TypedDict, total=False):
     damage_pause : int or (int, int)
         Steps from the end of the damage until it returns, at least 1, for as long as before and again and
         again, or the inclusive range they are drawn from in every episode; by default it does not return.
+    code_delay : int or (int, int)
+        Steps by which the damage code in the observation is late, as after a diagnosis, or the inclusive range
+        they are drawn from in every episode; 0 by default. Until then it is that of the healthy robot.
     max_episode_steps : int
         Steps after which an episode is truncated; by default the limit of the robot TOML.
     severity : float or (float, float)
@@ -91,6 +94,7 @@ class EnvOptions(TypedDict, total=False):
     onset: int | tuple[int, int]
     damage_duration: int | tuple[int, int] | None
     damage_pause: int | tuple[int, int] | None
+    code_delay: int | tuple[int, int]
     max_episode_steps: int | None
     severity: Severity
     severity_levels: int
@@ -140,6 +144,7 @@ _DEFAULTS: VectorEnvOptions = {
     "onset": (0, 0),
     "damage_duration": None,
     "damage_pause": None,
+    "code_delay": (0, 0),
     "max_episode_steps": None,
     "severity": 1.0,
     "severity_levels": 4,

@@ -119,6 +119,7 @@ def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _
         onset=step_range(options["onset"], "onset"),
         damage_duration=optional_step_range(options["damage_duration"], "damage_duration"),
         damage_pause=optional_step_range(options["damage_pause"], "damage_pause"),
+        code_delay=step_range(options["code_delay"], "code_delay"),
         threads=_size(options["threads"], "threads", MOST_THREADS),
         device=choice(options["device"], "device", get_args(Device)),
         backend=choice(options["backend"], "backend", get_args(Backend)),

@@ -80,7 +80,7 @@ impl<T: Lane> Carrier<T> {
 /// A [`Surface`].
 pub enum Shape<T: Lane> {
     Ball,
-    Corner([T::Scalar; 3]),
+    Corner,
     Rim([[T::Scalar; 3]; 3], RimPlace),
     Ellipsoid([[T::Scalar; 3]; 3]),
 }
@@ -254,7 +254,7 @@ fn shared_point<T: Lane>(point: &Point, cone: Cone) -> Carrier<T> {
         link: point.link,
         shape: match point.surface {
             Surface::Ball => Shape::Ball,
-            Surface::Corner { way } => Shape::Corner(scalars::<T>(way)),
+            Surface::Corner => Shape::Corner,
             Surface::Rim { axes, place } => Shape::Rim(axes.map(scalars::<T>), place),
             Surface::Ellipsoid { axes } => Shape::Ellipsoid(axes.map(scalars::<T>)),
         },

@@ -152,20 +152,21 @@ fn place<T: Lane, const L: usize, const J: usize>(
 ) -> Option<(Vec3<T>, T, T::Mask)> {
     let (axes, origin) = frame(carrier, kinematics);
     let (at, distance, touching) = match &carrier.shape {
-        Shape::Ball | Shape::Corner(_) => {
+        Shape::Ball | Shape::Corner => {
             let position = point.position;
             let lift =
                 position[2].mul_add(axes[2][2], position[1].mul_add(axes[1][2], position[0] * axes[0][2]));
-            let radius = point.size[0];
+            let is_corner = matches!(carrier.shape, Shape::Corner);
+            let radius = if is_corner { T::zero() } else { point.size[0] };
             let distance = height + origin[2] + lift - radius;
             let mut touching = distance.lt(T::splat(carrier.margin));
             // Most points are in the air, so that this is what costs.
             if !touching.any() {
                 return None;
             }
-            if let Shape::Corner(way) = carrier.shape {
+            if is_corner {
                 // MuJoCo takes the corners below the middle of a box and leaves out those above.
-                touching = touching & !T::zero().lt(rotate(axes, splat3(way))[2]);
+                touching = touching & !T::zero().lt(rotate(axes, point.size)[2]);
             }
             let center = add(origin, rotate(axes, position));
             // The contact lies midway between floor and surface.

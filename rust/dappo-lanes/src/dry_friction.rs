@@ -2,17 +2,17 @@
 //! (Documentation: Computation, "Constraint model", friction loss.)
 
 use crate::constants::{Constants, Skeleton};
-use crate::lane::Lane;
+use crate::lane::{Lane, Mask};
 
 /// Dry friction of all joints that have it in some lane.
-pub struct DryFriction<T> {
+pub struct DryFriction<T: Lane> {
     pub rows: Vec<Friction<T>>,
 }
 
 /// One constraint: the joint's velocity should vanish. It costs ½ D r² while D |r| is below the largest
 /// torque, and goes on linearly beyond.
 #[derive(Clone, Copy)]
-pub struct Friction<T> {
+pub struct Friction<T: Lane> {
     /// Limb and joint.
     pub joint: (usize, usize),
     /// Largest torque.
@@ -23,37 +23,87 @@ pub struct Friction<T> {
     pub reference: T,
     /// a − reference at the solver's present point.
     pub residual: T,
+    /// Lanes in which the derivatives are those of a joint that sticks; in the others it slips against the residual.
+    pub sticking: T::Mask,
     /// Change of the residual along the solver's search direction.
     pub slope: T,
 }
 
 impl<T: Lane> Friction<T> {
-    /// Lanes in which the joint sticks: the torque is below the largest.
+    /// Lanes in which the joint sticks at a residual: the torque is below the largest.
     #[inline(always)]
-    pub fn sticks(&self, residual: T) -> T::Mask {
+    fn sticks(&self, residual: T) -> T::Mask {
         (self.weight * residual.abs()).lt(self.most)
+    }
+
+    /// Torque of a joint that slips, with the sign of a residual: minus its own.
+    #[inline(always)]
+    fn slipping(&self, residual: T) -> T {
+        T::select(residual.lt(T::zero()), -self.most, self.most)
     }
 
     /// Derivative of the cost: minus the torque.
     #[inline(always)]
-    pub fn gradient(&self, residual: T) -> T {
-        (self.weight * residual).clamp(-self.most, self.most)
+    pub fn gradient(&self) -> T {
+        T::select(self.sticking, self.weight * self.residual, self.slipping(self.residual))
     }
 
     /// What the Hessian of the cost demands for the reference, less the gradient that does not vanish with
     /// the residual.
     #[inline(always)]
     pub fn demand(&self) -> T {
-        let sticks = self.sticks(self.residual);
-        T::select(sticks, self.weight * self.reference, -self.gradient(self.residual))
+        T::select(self.sticking, self.weight * self.reference, -self.slipping(self.residual))
     }
 
-    /// Lanes in which the joint does not stick at both residuals, or slip in the same direction.
+    /// Second derivative of the cost.
     #[inline(always)]
-    pub fn changes(&self, from: T, to: T) -> T::Mask {
-        let zero = T::zero();
-        let (here, there) = (self.sticks(from), self.sticks(to));
-        (here ^ there) | (!here & (from.lt(zero) ^ to.lt(zero)))
+    pub fn curvature(&self) -> T {
+        self.weight.keep(self.sticking)
+    }
+
+    /// Takes over the residual of a whole step; returns the lanes in which other derivatives hold there.
+    ///
+    /// A joint that slipped one way and would now slip the other way sticks in the next step: taken at its word, it
+    /// would slip to and fro for ever around a solution in which it sticks.
+    #[inline(always)]
+    pub fn set_residual(&mut self, residual: T) -> T::Mask {
+        let sticks = self.sticks(residual);
+        let turned = !(self.sticking | sticks) & self.turns(residual);
+        let changed = (self.sticking ^ sticks) | turned;
+        self.sticking = sticks | turned;
+        self.residual = residual;
+        changed
+    }
+
+    /// Lanes in which another residual has another sign.
+    #[inline(always)]
+    fn turns(&self, residual: T) -> T::Mask {
+        self.residual.lt(T::zero()) ^ residual.lt(T::zero())
+    }
+
+    /// Takes the derivatives at the residual itself, as line searches need them.
+    #[inline(always)]
+    pub fn settle(&mut self) {
+        self.sticking = self.sticks(self.residual);
+    }
+
+    /// Moves the residual by a length of the step.
+    #[inline(always)]
+    pub fn advance(&mut self, length: T) {
+        self.residual = self.slope.mul_add(length, self.residual);
+        self.settle();
+    }
+
+    /// First and second derivative of the cost along the step, at a length of it from the present residual,
+    /// each added to a sum, and the lanes in which the cost is not the same quadratic function there.
+    #[inline(always)]
+    pub fn add_along(&self, length: T, (first, second): (T, T)) -> (T, T, T::Mask) {
+        let there = self.slope.mul_add(length, self.residual);
+        let sticks = self.sticks(there);
+        let changed = (self.sticking ^ sticks) | (!sticks & self.turns(there));
+        let gradient = T::select(sticks, self.weight * there, self.slipping(there));
+        let weighted = (self.weight * self.slope).keep(sticks);
+        (gradient.mul_add(self.slope, first), weighted.mul_add(self.slope, second), changed)
     }
 }
 
@@ -88,6 +138,7 @@ impl<T: Lane> DryFriction<T> {
                 let reference = -(T::splat(damping) * velocities[limb][joint]);
                 if let Some(row) = self.rows.get_mut(index) {
                     row.reference = reference;
+                    row.settle();
                 } else {
                     self.rows.push(Friction {
                         joint: (limb, joint),
@@ -95,8 +146,10 @@ impl<T: Lane> DryFriction<T> {
                         weight: link.friction_weight,
                         reference,
                         residual: -reference,
+                        sticking: T::Mask::none(),
                         slope: T::zero(),
                     });
+                    self.rows[index].settle();
                 }
                 index += 1;
             }

@@ -72,6 +72,17 @@ impl Simd {
         }
     }
 
+    /// Number of worlds in a group.
+    #[must_use]
+    pub fn worlds(self, precision: Precision) -> usize {
+        match (self, precision) {
+            (Self::Avx512, Precision::F32) => 16,
+            (Self::Avx512, Precision::F64) | (Self::Avx2, Precision::F32) => 8,
+            (Self::Neon, Precision::F64) => 2,
+            _ => 4,
+        }
+    }
+
     /// Name in texts and environment variables.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -135,9 +146,11 @@ impl Engine {
             (4, 1..=2) => Self::shaped::<T, 4, 2>(classes),
             (1..=4, 1..=3) => Self::shaped::<T, 4, 3>(classes),
             (5..=6, 1..=3) => Self::shaped::<T, 6, 3>(classes),
+            (1..=2, 4..=6) => Self::shaped::<T, 2, 6>(classes),
+            (3..=5, 4..=7) => Self::shaped::<T, 5, 7>(classes),
             _ => Err(Unsupported(format!(
                 "it has {limbs} limbs of up to {joints} joints; the lane engine is compiled for up to 6 limbs of \
-                 up to 3 joints"
+                 up to 3 joints and for up to 5 limbs of up to 7"
             ))),
         }
     }

@@ -187,10 +187,8 @@ pub enum Surface {
     /// The lowest point of a sphere or of the end of a capsule. Size: the radius.
     Ball,
     /// A corner of a box, fixed to the carrier at `position`. It touches only while it is not above the middle.
-    Corner {
-        /// The way to the corner from the middle of its box.
-        way: Vector,
-    },
+    /// Size: the way to the corner from the middle of its box, in the carrier's frame.
+    Corner,
     /// One of the four points of a cylinder that can touch a floor. Size: radius and half length.
     Rim {
         /// Axes of the cylinder; the third is that of its symmetry.

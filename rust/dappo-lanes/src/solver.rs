@@ -91,6 +91,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
     #[inline(always)]
     fn descend(&mut self, from: &Coords<T, L, J>, mut live: T::Mask, slips: bool) -> Coords<T, L, J> {
         let mut point = Point { acceleration: *from, momentum: self.momentum(from) };
+        for friction in &mut self.dry_friction.rows {
+            friction.settle();
+        }
         let tolerance = T::of(if T::DOUBLE { 1e-14 } else { 1e-9 });
         for _ in 0..MAX_ITERATIONS {
             if !live.any() {
@@ -166,10 +169,8 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             for friction in &dry_friction.rows {
                 let (own, joint) = friction.joint;
                 if own == limb {
-                    right.limbs[limb][joint] +=
-                        if whole { friction.demand() } else { friction.gradient(friction.residual) };
-                    hessian.limbs[limb][joint][joint] +=
-                        friction.weight.keep(friction.sticks(friction.residual));
+                    right.limbs[limb][joint] += if whole { friction.demand() } else { friction.gradient() };
+                    hessian.limbs[limb][joint][joint] += friction.curvature();
                 }
             }
             for joint in 0..J {
@@ -213,9 +214,7 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         }
         for friction in &mut self.dry_friction.rows {
             let (limb, joint) = friction.joint;
-            let residual = acceleration.limbs[limb][joint] - friction.reference;
-            changed = changed | friction.changes(friction.residual, residual);
-            friction.residual = residual;
+            changed = changed | friction.set_residual(acceleration.limbs[limb][joint] - friction.reference);
         }
         for limb in 0..L {
             for joint in 0..J {
@@ -309,11 +308,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             changed = changed | cone_changed;
         }
         for friction in &self.dry_friction.rows {
-            let residual = friction.slope.mul_add(length, friction.residual);
-            changed = changed | friction.changes(friction.residual, residual);
-            slope = friction.gradient(residual).mul_add(friction.slope, slope);
-            let weighted = (friction.weight * friction.slope).keep(friction.sticks(residual));
-            curvature = weighted.mul_add(friction.slope, curvature);
+            let friction_changed;
+            (slope, curvature, friction_changed) = friction.add_along(length, (slope, curvature));
+            changed = changed | friction_changed;
         }
         for limit in self.limits.rows.as_flattened() {
             if limit.somewhere {
@@ -336,7 +333,7 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
             cone.advance(length);
         }
         for friction in &mut self.dry_friction.rows {
-            friction.residual = friction.slope.mul_add(length, friction.residual);
+            friction.advance(length);
         }
         for limit in self.limits.rows.as_flattened_mut() {
             if limit.somewhere {

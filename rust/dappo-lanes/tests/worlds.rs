@@ -213,6 +213,7 @@ fn simulate(
 ) -> Vec<Shown> {
     let engine = Engine::new(classes.to_vec(), precision, simd).unwrap();
     let width = engine.width();
+    assert_eq!(width, simd.worlds(precision));
     let mut shown = vec![];
     for first in (0..32).step_by(width) {
         let mut group = engine.group();

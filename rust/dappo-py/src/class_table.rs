@@ -124,7 +124,14 @@ impl<'py> ClassTable<'py> {
                 let table = lanes.as_ref().map_err(refuse);
                 table
                     .and_then(|table| {
-                        LanesBackend::new(task, table.clone(), precision, simd::chosen()?, num_envs)
+                        LanesBackend::new(
+                            task,
+                            table.clone(),
+                            precision,
+                            &simd::choices()?,
+                            num_envs,
+                            options.threads,
+                        )
                     })
                     .map(|backend| Box::new(backend) as Box<dyn Backend>)
                     .or_raise()

@@ -97,7 +97,7 @@ impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
                         max_episode_steps=None, class_weights=None, onset=(0, 0), damage_duration=None,
-                        damage_pause=None, threads=None,
+                        damage_pause=None, code_delay=(0, 0), threads=None,
                         device="cpu", backend="auto", precision="f32", njmax=None, nconmax=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
@@ -112,6 +112,7 @@ impl PyVectorEnv {
         onset: (usize, usize),
         damage_duration: Option<(usize, usize)>,
         damage_pause: Option<(usize, usize)>,
+        code_delay: (usize, usize),
         threads: Option<usize>,
         device: &str,
         backend: &str,
@@ -141,6 +142,7 @@ impl PyVectorEnv {
                 onset: steps(onset),
                 duration: damage_duration.map(steps),
                 pause: damage_pause.map(steps),
+                code_delay: steps(code_delay),
             },
         };
         let lanes = table.lane_table(kind)?;

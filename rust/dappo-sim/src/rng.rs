@@ -80,6 +80,8 @@ pub enum Purpose {
     Variant = 24,
     /// What the compiled variants of a robot are.
     VariantNumbers = 25,
+    /// By how much damage codes are late.
+    CodeDelay = 26,
 }
 
 /// A stream of random numbers: `key` identifies the run or env, `episode` the episode (or iteration).

@@ -10,8 +10,21 @@ const VARIABLE: &str = "DAPPO_SIMD";
 /// The fastest instruction set of this processor, or the one selected by the environment variable
 /// `DAPPO_SIMD`.
 pub fn chosen() -> Result<Simd, SimError> {
-    let name = std::env::var(VARIABLE).ok().filter(|name| !name.is_empty());
-    select(name.as_deref(), VARIABLE)
+    select(selected().as_deref(), VARIABLE)
+}
+
+/// All instruction sets of this processor, the fastest first, or the one selected by the environment variable
+/// `DAPPO_SIMD`.
+pub fn choices() -> Result<Vec<Simd>, SimError> {
+    match selected() {
+        None => Ok(Simd::available()),
+        name => Ok(vec![select(name.as_deref(), VARIABLE)?]),
+    }
+}
+
+/// What the environment variable selects.
+fn selected() -> Option<String> {
+    std::env::var(VARIABLE).ok().filter(|name| !name.is_empty())
 }
 
 /// The instruction set of this name, or the fastest one; `source` is where the name comes from.

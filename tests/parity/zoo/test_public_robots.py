@@ -25,6 +25,9 @@ STATES_A_CLASS = 6
 
 TOLERANCES = {"f64": 1e-10, "f32": 1e-4}
 
+LONG_LIMBS = {"spot_arm": {"f64": 1e-10, "f32": 2e-4}}
+"""Seven joints in a row add up more rounding."""
+
 LEAST_TOUCHED = {"free": 0.0, "rollout": 0.1, "resting": 0.5, "hard": 0.5}
 """Share of the states of each kind that have a contact."""
 
@@ -53,7 +56,6 @@ REFUSED_SIMPLIFIED = {
     "barkour": "can touch the floor but",
     "humanoid_dm_control": "moves by 2 joints",
     "quadruped_dm_control": "activation dynamics",
-    "spot_arm": "5 limbs of up to 7 joints",
 }
 """The same with ``[simplify]``."""
 
@@ -94,7 +96,7 @@ def test_a_robot_of_the_package_is_equal(robot: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["go1", "go1_menagerie", "spot_menagerie"])
+@pytest.mark.parametrize("robot", ["go1", "go1_menagerie", "spot_menagerie", "aliengo", "b2", "hyqreal2"])
 def test_all_damage_of_a_robot_toml_is_equal_on_both_backends(wheels: Path, robot: str) -> None:
     toml = place(wheels, robot, simplified=True)
     table = compile_class_table(toml)
@@ -151,7 +153,7 @@ def _check(toml: Path, reason: str | None) -> None:
     # Meshes make classes slow to compile: one type of damage is enough to have models that differ.
     table = compile_class_table(toml, types=load_robot(str(toml)).damage_types[:1])
     assert dappo_batch.make_vec(table, num_envs=2).backend == "lanes"
-    _check_forces(table)
+    _check_forces(table, LONG_LIMBS.get(table.robot.name, TOLERANCES))
     _check_trajectories(table)
 
 

@@ -23,7 +23,7 @@ mod counter;
 const OBS: usize = ROW + 1;
 const STEPS: usize = 6;
 const COURSE: DamageCourse =
-    DamageCourse { onset: StepRange { first: 2, last: 2 }, duration: None, pause: None };
+    DamageCourse { onset: StepRange { first: 2, last: 2 }, ..DamageCourse::default() };
 const SEED: u64 = 11;
 const EPISODES: usize = 2;
 /// The healthy robot, and the first damage type at limb 1.

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `worlds` | `[N, row]` f64 | states of the backend |
 //! | `classes` | `[N]` u64 | damage classes |
-//! | `episodes` | `[N, 8]` u64 | state of the episodes, and their random streams |
+//! | `episodes` | `[N, 9]` u64 | state of the episodes, and their random streams |
 //! | `obs` | `[N · O]` f32 | last observations |
 //! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
 //!
@@ -27,9 +27,11 @@ const EARLIER_FILE: &str = "envs.bin";
 /// Far above the state of any number of envs that a computer holds, bytes.
 const LONGEST: u64 = 1 << 34;
 /// Numbers of an episode.
-const EPISODE: usize = 8;
-/// Numbers of an episode in earlier versions, without duration and pause of the damage.
-const EARLIER_EPISODE: usize = 6;
+const EPISODE: usize = 9;
+/// Numbers of an episode in earlier versions, without the delay of the damage code.
+const EARLIER_EPISODE: usize = 8;
+/// Numbers of an episode in the first version, without duration and pause of the damage either.
+const FIRST_EPISODE: usize = 6;
 /// "DAPPOENV" in little-endian order.
 const MAGIC: u64 = u64::from_le_bytes(*b"DAPPOENV");
 
@@ -137,18 +139,17 @@ fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
 fn read_episodes(file: &SafeTensors<'_>, envs: usize) -> std::result::Result<Vec<[u64; EPISODE]>, String> {
     let (episodes, shape) = array(file, "episodes", Dtype::U64, u64::from_le_bytes)?;
     match *shape.as_slice() {
-        [rows, EPISODE] if rows == envs => Ok(episodes.as_chunks().0.to_vec()),
-        [rows, EARLIER_EPISODE] if rows == envs => {
-            Ok(episodes.as_chunks().0.iter().copied().map(completed).collect())
+        [rows, numbers] if rows == envs && [EPISODE, EARLIER_EPISODE, FIRST_EPISODE].contains(&numbers) => {
+            Ok(episodes.chunks_exact(numbers).map(completed).collect())
         }
         _ => Err(format!("`episodes` has shape {shape:?}, expected [{envs}, {EPISODE}]")),
     }
 }
 
-/// An episode of an earlier version, in which damage stays.
-fn completed(earlier: [u64; EARLIER_EPISODE]) -> [u64; EPISODE] {
+/// An episode, perhaps of an earlier version, in which damage stays and its code is not late.
+fn completed(numbers: &[u64]) -> [u64; EPISODE] {
     let mut episode = [0; EPISODE];
-    episode[..EARLIER_EPISODE].copy_from_slice(&earlier);
+    episode[..numbers.len()].copy_from_slice(numbers);
     episode
 }
 
@@ -196,10 +197,8 @@ fn read_earlier(reader: &mut Reader) -> Option<EnvState> {
     let (envs, row, obs) = (reader.u64()? as usize, reader.u64()? as usize, reader.u64()? as usize);
     let rows = reader.many(envs.checked_mul(row)?, Reader::f64)?;
     let classes = reader.many(envs, Reader::u64)?;
-    let episodes = reader.many(envs, |reader| {
-        let fields = reader.many(EARLIER_EPISODE, Reader::u64)?;
-        <[u64; EARLIER_EPISODE]>::try_from(fields).ok().map(completed)
-    })?;
+    let episodes = reader
+        .many(envs, |reader| reader.many(FIRST_EPISODE, Reader::u64).map(|numbers| completed(&numbers)))?;
     let obs = reader.many(obs, |reader| reader.take().map(f32::from_le_bytes))?;
     let mut sums = || reader.many(envs, Reader::f64);
     let sums = [sums()?, sums()?, sums()?];
@@ -249,7 +248,7 @@ mod tests {
                     rows: vec![0.1, -0.0, f64::NAN, 1e300],
                     classes: vec![0, 32],
                 },
-                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1, 10, 11], [5, 6, 7, 8, 9, 0, 0, 0]],
+                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1, 10, 11, 12], [5, 6, 7, 8, 9, 0, 0, 0, 0]],
                 obs: vec![0.25, f32::INFINITY],
             },
             episodes,
@@ -284,7 +283,7 @@ mod tests {
             [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
         };
         refuse(&folder, FILE, &with("\"worlds\"", "\"wurlds\""), "`worlds`");
-        refuse(&folder, FILE, &with("[2,8]", "[8,2]"), "`episodes` has shape [8, 2], expected [2, 8]");
+        refuse(&folder, FILE, &with("[2,9]", "[9,2]"), "`episodes` has shape [9, 2], expected [2, 9]");
         let mut infinite = bytes.clone();
         let begin = bytes.windows(8).position(|part| part == 1.5_f64.to_le_bytes()).unwrap();
         infinite[begin..begin + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
@@ -292,25 +291,27 @@ mod tests {
     }
 
     /// The episodes as earlier versions save them.
-    fn earlier_episodes(state: &EnvState) -> impl Iterator<Item = u64> {
-        state.envs.episodes.iter().flat_map(|episode| &episode[..EARLIER_EPISODE]).copied()
+    fn earlier_episodes(state: &EnvState, numbers: usize) -> impl Iterator<Item = u64> {
+        state.envs.episodes.iter().flat_map(move |episode| &episode[..numbers]).copied()
     }
 
-    /// A state that earlier versions can hold: damage stays.
-    fn earlier_state() -> EnvState {
+    /// A state that an earlier version can hold.
+    fn earlier_state(numbers: usize) -> EnvState {
         let mut state = state();
-        state.envs.episodes[0][EARLIER_EPISODE..].fill(0);
+        state.envs.episodes[0][numbers..].fill(0);
         state
     }
 
     #[test]
-    fn episodes_of_an_earlier_version_have_damage_that_stays() {
-        let numbers = bytes(earlier_episodes(&state()), u64::to_le_bytes);
-        let view = TensorView::new(Dtype::U64, vec![2, EARLIER_EPISODE], &numbers).unwrap();
-        let file = safetensors::serialize([("episodes", view)], None).unwrap();
-        let file = SafeTensors::deserialize(&file).unwrap();
-        assert_eq!(read_episodes(&file, 2).unwrap(), earlier_state().envs.episodes);
-        assert!(read_episodes(&file, 3).unwrap_err().contains("expected [3, 8]"));
+    fn episodes_of_earlier_versions_have_damage_that_stays_and_codes_that_are_not_late() {
+        for numbers in [EARLIER_EPISODE, FIRST_EPISODE] {
+            let episodes = bytes(earlier_episodes(&state(), numbers), u64::to_le_bytes);
+            let view = TensorView::new(Dtype::U64, vec![2, numbers], &episodes).unwrap();
+            let file = safetensors::serialize([("episodes", view)], None).unwrap();
+            let file = SafeTensors::deserialize(&file).unwrap();
+            assert_eq!(read_episodes(&file, 2).unwrap(), earlier_state(numbers).envs.episodes);
+            assert!(read_episodes(&file, 3).unwrap_err().contains("expected [3, 9]"));
+        }
     }
 
     /// The file of earlier versions.
@@ -322,7 +323,7 @@ mod tests {
         [
             bytes(header.into_iter(), u64::to_le_bytes),
             bytes(backend.rows.iter().copied(), f64::to_le_bytes),
-            bytes(classes.chain(earlier_episodes(state)), u64::to_le_bytes),
+            bytes(classes.chain(earlier_episodes(state, FIRST_EPISODE)), u64::to_le_bytes),
             bytes(state.envs.obs.iter().copied(), f32::to_le_bytes),
             bytes(forward.iter().chain(returns).chain(lengths).copied(), f64::to_le_bytes),
         ]
@@ -334,7 +335,7 @@ mod tests {
         let folder = Scratch::new();
         let bytes = earlier(&state());
         fs::write(folder.0.join(EARLIER_FILE), &bytes).unwrap();
-        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &earlier_state());
+        assert_equal(&EnvState::load(folder.0.as_path()).unwrap(), &earlier_state(FIRST_EPISODE));
         refuse(&folder, EARLIER_FILE, b"DAPPOENV", "not an env state");
         refuse(&folder, EARLIER_FILE, &bytes[..bytes.len() - 1], "not an env state");
         refuse(&folder, EARLIER_FILE, &[&bytes[..], &[0]].concat(), "not an env state");

@@ -75,7 +75,9 @@ fn built_in(key: &str) -> Option<&'static str> {
         }
         ("env", "reward") => Some("its value net and its metrics are of this reward"),
         ("env", "observe_damage") => Some("its networks have inputs for these observations"),
-        ("damage", name) if !["onset", "duration", "pause"].iter().any(|free| name.starts_with(free)) => {
+        ("damage", name)
+            if !["onset", "duration", "pause", "code_delay"].iter().any(|free| name.starts_with(free)) =>
+        {
             Some("its networks and episodes are those of robots with these damages")
         }
         ("ppo", "hidden") => Some("its networks have these layers"),

@@ -16,6 +16,11 @@ fn are_usual(levels: &usize) -> bool {
     *levels == SEVERITY_LEVELS
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_nothing(steps: &StepRange) -> bool {
+    *steps == StepRange::default()
+}
+
 /// The section `[damage]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -45,6 +50,9 @@ pub struct DamageSection {
     /// Steps from its end until it returns; it does not when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pause: Option<StepRange>,
+    /// Steps by which the damage code is late while training, as after a diagnosis; (0, 0) is not at all.
+    #[serde(skip_serializing_if = "is_nothing")]
+    pub code_delay: StepRange,
     /// Parameters of the damage types, for example `options.jammed_joint.range_deg`.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub options: toml::Table,
@@ -62,6 +70,7 @@ impl Default for DamageSection {
             onset: StepRange::default(),
             duration: None,
             pause: None,
+            code_delay: StepRange::default(),
             options: toml::Table::new(),
         }
     }
@@ -71,7 +80,12 @@ impl DamageSection {
     /// When the damage of an episode is active.
     #[must_use]
     pub fn course(&self) -> DamageCourse {
-        DamageCourse { onset: self.onset, duration: self.duration, pause: self.pause }
+        DamageCourse {
+            onset: self.onset,
+            duration: self.duration,
+            pause: self.pause,
+            code_delay: self.code_delay,
+        }
     }
 
     pub(super) fn review(&self, faults: &mut Faults) {
@@ -89,6 +103,7 @@ impl DamageSection {
             ("damage.onset", Some(self.onset), 0),
             ("damage.duration", self.duration, 1),
             ("damage.pause", self.pause, 1),
+            ("damage.code_delay", Some(self.code_delay), 0),
         ];
         for (key, range, least) in ranges {
             let Some(StepRange { first, last }) = range else { continue };

@@ -42,12 +42,14 @@ impl WarpEngine {
         sizes: Sizes,
     ) -> std::result::Result<Self, SimError> {
         let onset = envs.course.onset;
-        if envs.course.duration.is_some() {
-            return Err(SimError::Config(
-                "training on the backend `warp` does not support damage that ends (damage.duration); use --device cpu \
-                 (device=\"cpu\" in Python)"
-                    .into(),
-            ));
+        let refused = [
+            (envs.course.duration.is_some(), "damage that ends (damage.duration)"),
+            (envs.course.code_delay.last > 0, "damage codes that are late (damage.code_delay)"),
+        ];
+        if let Some((_, what)) = refused.iter().find(|(is_set, _)| *is_set) {
+            return Err(SimError::Config(format!(
+                "training on the backend `warp` does not support {what}; use --device cpu (device=\"cpu\" in Python)"
+            )));
         }
         let (engine, row) = undisturbed(|py| {
             let options = PyDict::new(py);
@@ -181,7 +183,7 @@ impl RolloutEngine for WarpEngine {
             },
             episodes: episodes
                 .chunks_exact(EPISODE)
-                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0])
+                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0, 0])
                 .collect(),
             obs,
         })

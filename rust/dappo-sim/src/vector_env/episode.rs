@@ -41,6 +41,8 @@ pub struct DamageCourse {
     pub duration: Option<StepRange>,
     /// How long the robot has recovered until the damage returns, at least 1; `None`: it does not return.
     pub pause: Option<StepRange>,
+    /// How long the damage code lags behind the damage, as after a diagnosis; (0, 0) = not at all.
+    pub code_delay: StepRange,
 }
 
 impl DamageCourse {
@@ -48,6 +50,7 @@ impl DamageCourse {
         self.onset.check("onset", 0)?;
         self.duration.map_or(Ok(()), |duration| duration.check("damage_duration", 1))?;
         self.pause.map_or(Ok(()), |pause| pause.check("damage_pause", 1))?;
+        self.code_delay.check("code_delay", 0)?;
         if self.pause.is_some() && self.duration.is_none() {
             let message =
                 "damage_pause is set, but damage_duration is not: damage that stays does not return";
@@ -83,13 +86,25 @@ pub(super) struct Episode {
     pub duration: usize,
     /// Steps from its end until it returns; 0: it does not.
     pub pause: usize,
+    /// Steps by which the damage code is late.
+    pub code_delay: usize,
     /// The episode has ended and the env waits for its reset.
     pub ended: bool,
 }
 
 impl Episode {
     pub fn before_the_first(key: u64) -> Self {
-        Self { key, number: u64::MAX, step: 0, class: 0, onset: 0, duration: 0, pause: 0, ended: false }
+        Self {
+            key,
+            number: u64::MAX,
+            step: 0,
+            class: 0,
+            onset: 0,
+            duration: 0,
+            pause: 0,
+            code_delay: 0,
+            ended: false,
+        }
     }
 
     /// Starts the next episode.
@@ -108,6 +123,7 @@ impl Episode {
             onset: fixed.onset.unwrap_or_else(onset),
             duration: fixed.duration.unwrap_or(duration),
             pause: fixed.pause.unwrap_or(pause),
+            code_delay: course.code_delay.draw(&mut Stream::new(self.key, number, Purpose::CodeDelay)),
             ended: false,
         };
     }
@@ -121,6 +137,21 @@ impl Episode {
     /// The damage class that acts now: healthy before the onset and while the robot has recovered.
     pub fn class_in_force(&self) -> usize {
         self.class_at(self.step)
+    }
+
+    /// The damage class whose code is observed from the next step on, if it is another one than in the last step.
+    pub fn code_changes_to(&self) -> Option<usize> {
+        let class = self.class_of_code();
+        (!self.ended && self.step > 0 && class != self.class_of_code_at(self.step - 1)).then_some(class)
+    }
+
+    /// The damage class whose code is observed now: healthy until the first diagnosis.
+    pub fn class_of_code(&self) -> usize {
+        self.class_of_code_at(self.step)
+    }
+
+    fn class_of_code_at(&self, step: usize) -> usize {
+        step.checked_sub(self.code_delay).map_or(0, |diagnosed| self.class_at(diagnosed))
     }
 
     fn class_at(&self, step: usize) -> usize {

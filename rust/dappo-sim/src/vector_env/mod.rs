@@ -276,12 +276,16 @@ impl VectorEnv {
             .enumerate()
             .filter_map(|(env, episode)| Some((env, episode.changes_to()?)))
             .collect();
-        if changes.is_empty() {
-            return Ok(());
+        if !changes.is_empty() {
+            self.backend.set_classes(&changes)?;
         }
-        self.backend.set_classes(&changes)?;
         for (env, class) in changes {
-            self.show_class(env, class);
+            self.buffers.damage_class[env] = class as i64;
+        }
+        for env in 0..self.episodes.len() {
+            if let Some(class) = self.episodes[env].code_changes_to() {
+                self.show_code(env, class);
+            }
         }
         Ok(())
     }
@@ -290,12 +294,13 @@ impl VectorEnv {
     fn begin_episode(&mut self, env: usize, fixed: EpisodeStart) -> Reset {
         let episode = &mut self.episodes[env];
         episode.next(&self.config.classes, self.config.course, fixed);
-        let class = episode.class_in_force();
+        let (class, class_of_code) = (episode.class_in_force(), episode.class_of_code());
         let (key, number) = (episode.key, episode.number);
         self.buffers.damage_onset[env] = episode.onset as i64;
         self.buffers.episode_step[env] = 0;
         self.buffers.forward_velocity[env] = 0.0;
-        self.show_class(env, class);
+        self.buffers.damage_class[env] = class as i64;
+        self.show_code(env, class_of_code);
         Reset { env, class, key, episode: number }
     }
 
@@ -306,9 +311,8 @@ impl VectorEnv {
         self.backend.reset(resets, ObsRows { data: &mut self.buffers.obs, stride: self.obs_dim })
     }
 
-    /// Writes the active class into the infos and its code into the observation.
-    fn show_class(&mut self, env: usize, class: usize) {
-        self.buffers.damage_class[env] = class as i64;
+    /// Writes the code of a damage class into the observation.
+    fn show_code(&mut self, env: usize, class: usize) {
         if self.code_length > 0 {
             let end = (env + 1) * self.obs_dim;
             let code = &self.codes[class * self.code_length..(class + 1) * self.code_length];

@@ -10,8 +10,9 @@ use crate::error::{SimError, expect_len};
 pub struct VectorEnvSnapshot {
     /// Physics.
     pub backend: BackendSnapshot,
-    /// Key, number, step, class, onset, "ended", duration and pause of the damage of every episode, `[N, 8]`.
-    pub episodes: Vec<[u64; 8]>,
+    /// Key, number, step, class, onset, "ended", duration and pause of the damage and delay of its code of every
+    /// episode, `[N, 9]`.
+    pub episodes: Vec<[u64; 9]>,
     /// Current observations, `[N, obs_dim]`.
     pub obs: Vec<f32>,
 }
@@ -21,8 +22,10 @@ impl VectorEnv {
     pub fn snapshot(&self) -> Result<VectorEnvSnapshot, SimError> {
         let pack = |e: &Episode| {
             let whole = |steps: usize| steps as u64;
-            let (ended, duration, pause) = (u64::from(e.ended), whole(e.duration), whole(e.pause));
-            [e.key, e.number, whole(e.step), whole(e.class), whole(e.onset), ended, duration, pause]
+            let (step, class, onset, ended) =
+                (whole(e.step), whole(e.class), whole(e.onset), u64::from(e.ended));
+            let (duration, pause, code_delay) = (whole(e.duration), whole(e.pause), whole(e.code_delay));
+            [e.key, e.number, step, class, onset, ended, duration, pause, code_delay]
         };
         Ok(VectorEnvSnapshot {
             backend: self.backend.snapshot()?,
@@ -51,7 +54,7 @@ impl VectorEnv {
         }
         self.backend.restore(&snapshot.backend)?;
         self.buffers.obs.copy_from_slice(&snapshot.obs);
-        for (env, &[key, number, step, class, onset, ended, duration, pause]) in
+        for (env, &[key, number, step, class, onset, ended, duration, pause, code_delay]) in
             snapshot.episodes.iter().enumerate()
         {
             let episode = Episode {
@@ -62,6 +65,7 @@ impl VectorEnv {
                 onset: onset as usize,
                 duration: duration as usize,
                 pause: pause as usize,
+                code_delay: code_delay as usize,
                 ended: ended != 0,
             };
             self.episodes[env] = episode;

@@ -186,7 +186,6 @@ fn align(models: &mut [Model]) {
                 snap(own, like);
             }
             match (&mut point.surface, &like.surface) {
-                (Surface::Corner { way: own }, Surface::Corner { way: like }) => snap(own, like),
                 (Surface::Rim { axes: own, .. }, Surface::Rim { axes: like, .. })
                 | (Surface::Ellipsoid { axes: own }, Surface::Ellipsoid { axes: like }) => {
                     own.iter_mut().zip(like).for_each(|(own, like)| snap(own, like));

@@ -188,7 +188,7 @@ fn touching(model: &ModelArrays, tree: &Tree, pair: usize, geom: usize) -> Resul
                 let side = |axis: usize| if index >> axis & 1 == 1 { size[axis] } else { -size[axis] };
                 let way = pose.direction(std::array::from_fn(side));
                 let position = add(pose.origin, way);
-                Point { surface: Surface::Corner { way }, position, size: [0.0; 3], ..point }
+                Point { surface: Surface::Corner, position, size: way, ..point }
             };
             (0..8).map(corner).collect()
         }
@@ -283,7 +283,8 @@ impl Zone {
 fn reach(point: &Point) -> f64 {
     let [first, second, third] = point.size;
     match point.surface {
-        Surface::Ball | Surface::Corner { .. } => first,
+        Surface::Ball => first,
+        Surface::Corner => 0.0,
         Surface::Rim { .. } => first.hypot(second),
         Surface::Ellipsoid { .. } => first.max(second).max(third),
     }

@@ -40,15 +40,18 @@ pub struct LanesBackend {
 }
 
 impl LanesBackend {
-    /// A backend for `num_envs` robots of a table.
+    /// A backend for `num_envs` robots of a table, which so many threads step with one of the instruction sets.
     pub fn new(
         task: Task,
         table: LaneTable,
         precision: Precision,
-        simd: Simd,
+        choices: &[Simd],
         num_envs: usize,
+        threads: usize,
     ) -> Result<Self, SimError> {
         check_envs(num_envs)?;
+        let time = |simd: &&Simd| step_time(**simd, precision, num_envs, threads);
+        let simd = choices.iter().min_by_key(time).copied().unwrap_or(Simd::Portable);
         let engine = table.engine(precision, simd)?;
         let width = engine.width();
         let blocks =
@@ -60,6 +63,20 @@ impl LanesBackend {
     fn place(&self, env: usize) -> (usize, usize) {
         (env / self.width, env % self.width)
     }
+}
+
+/// Time of a step, in tenths of the time that one group takes with AVX-512.
+///
+/// A few envs fit into one group of wide registers, which one thread steps while the others have nothing to do, and in
+/// which most lanes are empty: narrower registers are then faster. Results are the same bits.
+fn step_time(simd: Simd, precision: Precision, num_envs: usize, threads: usize) -> usize {
+    let of_a_group = match simd {
+        Simd::Avx512 => 10,
+        Simd::Avx2 | Simd::Neon => 6,
+        Simd::Portable => 20,
+    };
+    let groups = num_envs.div_ceil(simd.worlds(precision.into()));
+    groups.div_ceil(threads.max(1)) * of_a_group
 }
 
 impl Backend for LanesBackend {
@@ -215,5 +232,35 @@ impl Backend for LanesBackend {
         }
         self.classes.copy_from_slice(&snapshot.classes);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_envs_are_stepped_with_narrow_registers_and_many_with_wide_ones() {
+        let fastest = |precision, num_envs, threads| {
+            let sets = [Simd::Avx512, Simd::Avx2, Simd::Portable];
+            sets.into_iter().min_by_key(|simd| step_time(*simd, precision, num_envs, threads)).unwrap()
+        };
+        for (num_envs, threads, expected) in [
+            (1, 1, Simd::Avx2),
+            (8, 1, Simd::Avx2),
+            (16, 1, Simd::Avx512),
+            (16, 2, Simd::Avx2),
+            (1024, 2, Simd::Avx512),
+            (1024, 64, Simd::Avx512),
+            (512, 64, Simd::Avx2),
+        ] {
+            assert_eq!(
+                fastest(Precision::F32, num_envs, threads),
+                expected,
+                "{num_envs} envs, {threads} threads"
+            );
+        }
+        assert_eq!(fastest(Precision::F64, 8, 2), Simd::Avx2);
+        assert_eq!(fastest(Precision::F64, 8, 1), Simd::Avx512);
     }
 }
