@@ -22,8 +22,12 @@ mod counter;
 /// Length of an observation: positions and the one velocity.
 const OBS: usize = ROW + 1;
 const STEPS: usize = 6;
-const COURSE: DamageCourse =
-    DamageCourse { onset: StepRange { first: 2, last: 2 }, ..DamageCourse::default() };
+const COURSE: DamageCourse = DamageCourse {
+    onset: StepRange { first: 2, last: 2 },
+    duration: None,
+    pause: None,
+    code_delay: StepRange { first: 0, last: 0 },
+};
 const SEED: u64 = 11;
 const EPISODES: usize = 2;
 /// The healthy robot, and the first damage type at limb 1.
