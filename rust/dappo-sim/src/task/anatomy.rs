@@ -80,9 +80,9 @@ impl Foot {
     /// Position (m) and velocity (m/s) of the point, along the world's axes.
     ///
     /// # Shapes
-    /// - `qpos`: `[nq]`, `qvel`: `[nv]`, both beginning with the free joint
-    pub(super) fn motion(&self, qpos: &[f64], qvel: &[f64]) -> ([f64; 3], [f64; 3]) {
-        let mut frame = Frame::of_root(qpos, qvel);
+    /// - `qpos`: `[nq]`, `qvel`: `[nv]`, both beginning with the free joint, whose frame is `root`
+    pub(super) fn motion(&self, root: &Frame, qpos: &[f64], qvel: &[f64]) -> ([f64; 3], [f64; 3]) {
+        let mut frame = *root;
         for link in &self.links {
             frame = frame.child(link, qpos, qvel);
         }
@@ -92,7 +92,8 @@ impl Foot {
 }
 
 /// A moving frame, along the world's axes.
-struct Frame {
+#[derive(Clone, Copy)]
+pub(super) struct Frame {
     origin: [f64; 3],
     /// Rows of the rotation matrix from the frame to the world.
     rotation: [[f64; 3]; 3],
@@ -101,7 +102,8 @@ struct Frame {
 }
 
 impl Frame {
-    fn of_root(qpos: &[f64], qvel: &[f64]) -> Self {
+    /// The frame of the root.
+    pub(super) fn of_root(qpos: &[f64], qvel: &[f64]) -> Self {
         let rotation = root_rotation(qpos);
         Self {
             origin: [qpos[0], qpos[1], qpos[2]],
@@ -119,7 +121,11 @@ impl Frame {
         let arm = self.turn(link.position);
         let fixed = Self {
             origin: add(self.origin, arm),
-            rotation: product(&self.rotation, &matrix(link.orientation)),
+            rotation: if link.orientation == UPRIGHT {
+                self.rotation
+            } else {
+                product(&self.rotation, &matrix(link.orientation))
+            },
             velocity: add(self.velocity, cross(self.angular_velocity, arm)),
             angular_velocity: self.angular_velocity,
         };
@@ -143,6 +149,9 @@ impl Frame {
         }
     }
 }
+
+/// The orientation of most bodies in their parents' frames.
+const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
 /// Rows of the rotation matrix of the root. Noise may have changed the length of its quaternion, which MuJoCo ignores.
 pub(super) fn root_rotation(qpos: &[f64]) -> [[f64; 3]; 3] {

@@ -48,6 +48,7 @@ pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 pub use variants::{BodyEvent, BodyEvents, Jam, Variants};
 
 use action::ActuatorAction;
+use anatomy::Frame;
 use check::check;
 use command::COMMAND;
 use dropout::Dropouts;
@@ -295,8 +296,9 @@ impl Task {
             return;
         }
         let feet = &self.layout.anatomy.feet[self.model(row, signals.class)];
+        let root = Frame::of_root(signals.qpos, signals.qvel);
         for (row, foot) in row[self.slots.feet.clone()].chunks_exact_mut(FootRow::LENGTH).zip(feet) {
-            let (position, velocity) = foot.motion(signals.qpos, signals.qvel);
+            let (position, velocity) = foot.motion(&root, signals.qpos, signals.qvel);
             let [x, y, z] = signals.contact_force(foot.body);
             FootRow::update(row, position, velocity, (x * x + y * y + z * z).sqrt(), dt);
         }
