@@ -64,7 +64,12 @@ def test_damage_lasts_and_pauses_as_drawn_for_any_threads(
 def test_codes_are_late_as_drawn_and_classes_are_not(
     ant_table: ClassTable, backend: str, onset: int | tuple[int, int]
 ) -> None:
-    options: dict[str, Any] = {"backend": backend, "seed": SEED, "damage": "jammed_joint@1", "code_delay": (0, 5)}
+    options: dict[str, Any] = {
+        "backend": backend,
+        "seed": SEED,
+        "damage": "jammed_joint@1",
+        "code_delay": (0, 5),
+    }
     envs = db.make_vec(ant_table, ENVS, onset=onset, damage_duration=(3, 9), **options)
     obs, infos = envs.reset()
     seen = [(obs[:, -8:], infos["damage_class"])]
@@ -79,7 +84,11 @@ def test_codes_are_late_as_drawn_and_classes_are_not(
     for env, delay in enumerate(delays):
         classes = [int(damage[env]) for _, damage in seen]
         # The class at the reset is that of the first step.
-        acted = [classes[0], *classes[1:]] if delay == 0 else [0] * (delay + 1) + classes[1 : len(classes) - delay]
+        acted = (
+            [classes[0], *classes[1:]]
+            if delay == 0
+            else [0] * (delay + 1) + classes[1 : len(classes) - delay]
+        )
         np.testing.assert_array_equal([code[env] for code, _ in seen], code_of[acted])
         assert len(set(classes)) == 2
 
