@@ -20,6 +20,8 @@ def write_run(
     total: int | None = None,
     errors: float | None = 0.5,
     classes: Sequence[tuple[str, str]] = CLASSES,
+    trackings: Sequence[float] | None = None,
+    robot: str = "ant",
     more: str = "",
 ) -> Path:
     """Write a run with an iteration of 100 env steps for each forward reward.
@@ -27,11 +29,13 @@ def write_run(
     It is evaluated in some damage classes, given by name and group, with a reward each.
     Iteration i has i episodes, a fall rate of i / 10, and takes 2 s for the rollout and 3 s for the update.
     Every episode of the evaluation has 50 env steps, and `errors` are the standard errors of its rewards.
+    With `trackings` of the classes the task has commands: their standard errors are 0.02, that of iteration i
+    is 0.1 i, and evaluations after every second iteration find 0.2 i.
     """
     (path / "eval").mkdir(parents=True)
     total = 100 * len(forward_rewards) if total is None else total
     (path / "config.toml").write_text(
-        f'robot = "ant"\nseed = {seed}\ntotal_steps = {total}\n{more}\n'
+        f'robot = "{robot}"\nseed = {seed}\ntotal_steps = {total}\n{more}\n'
         f"[env]\nnum_envs = 4\nobserve_damage = {str(aware).lower()}\n"
         "[ppo]\ngamma = 0.99\n"
         '[[curriculum]]\nname = "all"\nbudget = 1.0\nmix = "uniform"\n'
@@ -46,6 +50,8 @@ def write_run(
             "episodes": number if value is not None else 0,
             "forward_reward": value,
             "fall_rate": number / 10 if value is not None else None,
+            "tracking": None if trackings is None else 0.1 * number,
+            "evaluation_tracking": None if trackings is None or number % 2 else 0.2 * number,
             "rollout_seconds": 2.0,
             "update_seconds": 3.0,
         }
@@ -59,6 +65,10 @@ def write_run(
         )
         file = f"per_class.{encoding}.csv" if encoding else "per_class.csv"
         header = "class,name,group,episodes,forward_reward,standard_error,episode_length\n"
+        if trackings is not None:
+            header = header.replace("\n", ",tracking,tracking_standard_error\n")
+            shares = [f"{share - 0.1 * number:.4f},0.02" for share in trackings]
+            rows = "".join(f"{row},{share}\n" for row, share in zip(rows.splitlines(), shares, strict=True))
         (path / "eval" / file).write_text(header + rows)
     return path
 
@@ -103,12 +113,16 @@ def write_diagnoser(path: Path) -> Path:
     return path
 
 
-def write_trace(path: Path) -> Path:
-    """Write an episode of 60 steps with onset 20 and adaptation in step 30."""
-    rows = ["step,forward_velocity,damage,assumed,event"]
+def write_trace(path: Path, *, has_commands: bool = False) -> Path:
+    """Write an episode of 60 steps with onset 20 and adaptation in step 30.
+
+    With commands, tracking falls from 1 at the start by 0.01 a step.
+    """
+    rows = ["step,forward_velocity,damage,assumed,event" + ",tracking" * has_commands]
     for step in range(60):
         events = {25: "suspected", 30: "diagnosed broken (0.97); adapted"}
         damage, assumed = ("broken" if step >= 20 else "healthy"), ("broken" if step >= 30 else "healthy")
-        rows.append(f"{step},{step / 10:.1f},{damage},{assumed},{events.get(step, '')}")
+        row = f"{step},{step / 10:.1f},{damage},{assumed},{events.get(step, '')}"
+        rows.append(row + f",{1 - step / 100:.2f}" * has_commands)
     path.write_text("\n".join(rows) + "\n")
     return path

@@ -107,7 +107,8 @@ def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_
     out, _ = dappo_batch("evaluate", folder / "aware", "--episodes", "2", "--json")
     groups = json.loads(out)["runs"][0]["groups"]
     (everything,) = [group for group in groups if group["group"] == "all"]
-    assert cost["true_reward"] == pytest.approx(everything["forward_reward"], abs=1e-3)
+    assert cost["compared_by"] == "forward_reward"
+    assert cost["true_score"] == pytest.approx(everything["forward_reward"], abs=1e-3)
     counts = matrix(folder / "b" / "eval" / "paper_test.confusion.csv")
     names = tested["classes"]
     shares = counts / counts.sum(1, keepdims=True)
@@ -115,10 +116,10 @@ def test_the_cost_of_misclassifications_is_the_reward_of_a_policy_that_receives_
     for mistake in cost["mistakes"]:
         share = shares[names.index(mistake["class"]), names.index(mistake["diagnosed"])]
         assert mistake["share"] == pytest.approx(share)
-        lost += share * (mistake["true_reward"] - mistake["mistaken_reward"])
+        lost += share * (mistake["true_score"] - mistake["mistaken_score"])
     assert len(cost["mistakes"]) == np.count_nonzero(counts - np.diag(np.diag(counts)))
-    assert cost["diagnosed_reward"] == pytest.approx(cost["true_reward"] - lost / CLASSES)
-    ratio = cost["diagnosed_reward"] / cost["true_reward"]
+    assert cost["diagnosed_score"] == pytest.approx(cost["true_score"] - lost / CLASSES)
+    ratio = cost["diagnosed_score"] / cost["true_score"]
     assert cost["gait_equivalent_accuracy"] == pytest.approx(ratio)
 
 

@@ -12,7 +12,8 @@ import pytest
 import dappo_batch as db
 
 from ..kernels.philox_numpy import Stream
-from .walker import BACKENDS, DT, make_walker, observed
+from .resuming import replayed, trained_twice
+from .walker import BACKENDS, DT, SURVIVE, make_walker, observed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +26,6 @@ SEED, ENVS, STEPS = 5, 24, 40
 SENSOR_FAULTS, ACTION_DROPOUT = 20, 21  # purposes of random streams
 JOINTS = ("right_knee", "right_hip", "left_hip", "left_knee")
 KINDS = ("stuck", "biased", "lost")
-SURVIVE = "[rewards]\nsurvive = { weight = 1.0 }\n"
 TERMS = ("joint_pos", "joint_vel", "base_ang_vel", "projected_gravity", "base_lin_vel")
 SENSORS = ", ".join(f'{{ term = "{name}" }}' for name in TERMS)
 ENCODER = """
@@ -286,14 +286,7 @@ def test_results_are_the_same_for_any_threads_and_after_a_saved_state(tmp_path: 
     actions = np.random.default_rng(1).uniform(-1, 1, (30, ENVS, 4)).astype(np.float32)
     for action in actions[:10]:
         env.step(action)
-    state = env.save_state()
-    runs = []
-    for _ in range(2):
-        env.restore_state(state)
-        runs.append([(obs, infos["events"]) for obs, *_, infos in map(env.step, actions[10:])])
-    for first, second in zip(*runs, strict=True):
-        np.testing.assert_array_equal(first[0], second[0])
-        np.testing.assert_array_equal(first[1], second[1])
+    replayed(env, actions[10:], lambda step: [step[0], step[4]["events"]])
     env.close()
 
 
@@ -335,15 +328,4 @@ def test_a_fault_of_a_sensor_that_the_policy_does_not_observe_is_refused(tmp_pat
 def test_a_training_with_faults_resumes_exactly(tmp_path: Path) -> None:
     critic = f'[observation.critic]\nterms = [{SENSORS}, {{ term = "events" }}]\n'
     make_walker(tmp_path, observed(SENSORS) + critic + SURVIVE + DROPOUT + ENCODER + IMU, "lanes").close()
-    settings: dict[str, Any] = {
-        "robot": str(tmp_path / "walker.toml"),
-        "num_envs": 8,
-        "seed": 3,
-        "set": {"horizon": 16, "ppo.hidden": [8], "checkpoint.every": 1, "evaluation.episodes": 1},
-    }
-    whole = db.train(tmp_path / "whole", total_steps=4 * 128, **settings)
-    part = db.train(tmp_path / "part", total_steps=2 * 128, **settings)
-    resumed = db.resume(part.path, total_steps=4 * 128)
-    times = {"unix_seconds", "rollout_seconds", "update_seconds"}
-    for column in whole.metrics.keys() - times:
-        np.testing.assert_array_equal(resumed.metrics[column], whole.metrics[column], err_msg=column)
+    trained_twice(tmp_path, str(tmp_path / "walker.toml"), iterations=4)

@@ -76,7 +76,7 @@ def test_a_span_without_episodes_has_no_value(tmp_path: Path) -> None:
 def test_groups_weigh_their_classes_equally(folder: Path) -> None:
     (learner,) = learners([load_run(folder / f"aware{seed}") for seed in (0, 1)])
     scores = learner.scores().of_groups()
-    means = dict(zip(scores.names, scores.rewards.T.tolist(), strict=True))
+    means = dict(zip(scores.names, scores.values.T.tolist(), strict=True))
     assert means == {"none": [4.0, 5.0], "D1": [3.0, 3.0], "D2": [1.5, 1.5], "all": [2.5, 2.75]}
     # As `evaluate` writes them into groups.csv: the root of the sum of squares, divided by their number.
     np.testing.assert_allclose(scores.errors[0], [0.5, 0.5, np.sqrt(2 * 0.25) / 2, np.sqrt(4 * 0.25) / 4])

@@ -244,6 +244,30 @@ def test_logged_walks_are_diagnosed_without_a_twin(parts: Path, ant: Path) -> No
     assert np.mean(probabilities.argmax(axis=1) == np.tile(np.arange(CLASSES), 30)) > 0.4
 
 
+def test_wrong_diagnoses_of_a_go1_cost_tracking(go1: Path) -> None:
+    command = ("diagnose", "test", go1 / "diagnoser", "--data", go1 / "data", "--policy", go1 / "run")
+    out, _ = run(*command, "--episodes", "1", "--json")
+    (tested,) = json.loads(out)
+    cost, names = tested["cost"], tested["classes"]
+    # With the true code, the tracking is that of an evaluation.
+    out, _ = run("evaluate", go1 / "run", "--episodes", "1", "--json")
+    (evaluated,) = json.loads(out)["runs"]
+    tracking = {each["name"]: each["tracking"] for each in evaluated["classes"]}
+    assert cost["compared_by"] == "tracking"
+    assert cost["true_score"] == pytest.approx(np.mean(list(tracking.values())))
+    lost = 0.0
+    for mistake in cost["mistakes"]:
+        assert mistake["true_score"] == pytest.approx(tracking[mistake["class"]])
+        assert 0 <= mistake["mistaken_score"] <= 1
+        lost += mistake["share"] * (mistake["true_score"] - mistake["mistaken_score"])
+    assert cost["diagnosed_score"] == pytest.approx(cost["true_score"] - lost / len(names))
+    assert len(cost["mistakes"]) > 0
+    text, _ = run(*command, "--episodes", "1")
+    assert f"  tracking of the policy: {cost['true_score']:.3f} with the true class" in text
+    assert "which changes the tracking from 0." in text
+    assert "reward" not in text
+
+
 def test_a_go1_adapts_and_the_outcome_is_how_it_tracks_its_commands(go1: Path, tmp_path: Path) -> None:
     log = tmp_path / "trace.csv"
     pair = (go1 / "run", "--diagnoser", go1 / "diagnoser", "--at", "20")

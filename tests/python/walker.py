@@ -10,6 +10,7 @@ import dappo_batch as db
 BACKENDS = ("lanes", "mujoco")
 DT = 0.02
 ENVS = 3
+SURVIVE = "[rewards]\nsurvive = { weight = 1.0 }\n"
 
 ROBOT = """
 name = "walker"

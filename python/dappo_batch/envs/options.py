@@ -61,8 +61,8 @@ class EnvOptions(TypedDict, total=False):
         Steps from the end of the damage until it returns, at least 1, for as long as before and again and
         again, or the inclusive range they are drawn from in every episode; by default it does not return.
     code_delay : int or (int, int)
-        Steps by which the damage code in the observation is late, as after a diagnosis, or the inclusive range
-        they are drawn from in every episode; 0 by default. Until then it is that of the healthy robot.
+        Steps by which the damage code in the observation is late, as after a diagnosis, or the inclusive
+        range they are drawn from in every episode; 0 by default. Until then it is that of the healthy robot.
     max_episode_steps : int
         Steps after which an episode is truncated; by default the limit of the robot TOML.
     severity : float or (float, float)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dappo_batch.report.score import Score, score_of
 from dappo_batch.report.words import grouped_digits
 from dappo_batch.runs import Run
 from dappo_batch.runs.tables import Table
@@ -53,14 +54,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Scores:
-    """Forward rewards of S seeds in C damage classes, with their standard errors.
+    """What S seeds reach in C damage classes, with standard errors.
 
     Attributes
     ----------
     names, groups : tuple of str
         Of the damage classes, [C].
-    rewards : float64[S, C]
-        Means over episodes of the forward velocities' sum, m/s.
+    values : float64[S, C]
+        Means over episodes of the learner's `Score`, in its unit.
     errors : float64[S, C]
         Their standard errors over episodes; NaN where they are unknown.
     lengths : float64[S, C]
@@ -69,14 +70,14 @@ class Scores:
 
     names: tuple[str, ...]
     groups: tuple[str, ...]
-    rewards: NDArray[np.float64]
+    values: NDArray[np.float64]
     errors: NDArray[np.float64]
     lengths: NDArray[np.float64]
 
     @property
     def speed(self) -> float:
-        """Mean forward velocity over all episodes, m/s; NaN if their lengths are unknown."""
-        return float(self.rewards.mean() / self.lengths.mean())
+        """Mean of forward rewards an env step, m/s; NaN if the lengths of the episodes are unknown."""
+        return float(self.values.mean() / self.lengths.mean())
 
     def of_groups(self) -> Scores:
         """Return the means over the classes of every group, and over ``all`` classes, of the same weight."""
@@ -90,16 +91,16 @@ class Scores:
         names = tuple(chosen)
         # The errors of independent means add up in squares.
         errors = np.sqrt(means(self.errors**2) / counts)
-        return Scores(names, names, means(self.rewards), errors, means(self.lengths))
+        return Scores(names, names, means(self.values), errors, means(self.lengths))
 
     def over_seeds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the means over seeds, and their standard errors over episodes, [C] each."""
-        return self.rewards.mean(axis=0), np.sqrt((self.errors**2).mean(axis=0) / len(self.errors))
+        return self.values.mean(axis=0), np.sqrt((self.errors**2).mean(axis=0) / len(self.errors))
 
     def only(self, chosen: NDArray[np.intp]) -> Scores:
         """Return some of the classes."""
         names, groups = (tuple(texts[index] for index in chosen) for texts in (self.names, self.groups))
-        return Scores(names, groups, *(of[:, chosen] for of in (self.rewards, self.errors, self.lengths)))
+        return Scores(names, groups, *(of[:, chosen] for of in (self.values, self.errors, self.lengths)))
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,9 @@ class Learner:
     settings : str
         The settings that distinguish it; empty if it is the only one of its kind.
     robot, reward : str
-        Names.
+        Names. Where a robot has learners of two scores, its name contains the score.
+    score : Score
+        What it is compared by.
     runs : tuple of Run
         In the order of their seeds.
     place : int
@@ -130,6 +133,7 @@ class Learner:
     settings: str
     robot: str
     reward: str
+    score: Score
     runs: tuple[Run, ...]
     place: int
     relevant: Mapping[str, str]
@@ -180,7 +184,7 @@ class Learner:
         names, groups = (tuple(map(str, tables[0][column])) for column in ("name", "group"))
         values = (
             np.stack([_numbers(table, column, len(names)) for table in tables])
-            for column in ("forward_reward", "standard_error", "episode_length")
+            for column in (self.score.column, self.score.error, "episode_length")
         )
         return Scores(names, groups, *values)
 
@@ -196,13 +200,16 @@ def _numbers(table: Table, column: str, count: int) -> NDArray[np.float64]:
 def learners(runs: Sequence[Run]) -> list[Learner]:
     """Group runs; in the order of robots, rewards, kinds and settings.
 
-    A setting is part of a name only where it differs between learners of the same robot and kind.
+    A setting is part of a name only where it differs between learners of the same robot and kind. Learners of
+    a robot that are compared by different scores count as those of different robots.
     """
+    scores = {run.path: score_of(run) for run in runs}
+    robots = _robots(runs, scores)
     grouped: dict[tuple[Any, ...], list[Run]] = {}
     settings: dict[tuple[Any, ...], dict[str, str]] = {}
     for run in runs:
         relevant = _relevant(run)
-        key = (_robot(run), _reward(run), _kind(run), tuple(sorted(relevant.items())))
+        key = (robots[run.path], _reward(run), _kind(run), tuple(sorted(relevant.items())))
         grouped.setdefault(key, []).append(run)
         settings[key] = relevant
     found: list[Learner] = []
@@ -218,7 +225,8 @@ def learners(runs: Sequence[Run]) -> list[Learner]:
             name = f"{kind} {_letters(rivals.index(key))}"
         seeds = tuple(sorted(grouped[key], key=lambda run: (run.seed, str(run.path))))
         place = sum(learner.robot == robot for learner in found)
-        found.append(Learner(kind, name, own, robot, reward, seeds, place, settings[key]))
+        score = scores[seeds[0].path]
+        found.append(Learner(kind, name, own, robot, reward, score, seeds, place, settings[key]))
     return found
 
 
@@ -243,9 +251,15 @@ def matched(found: Sequence[Learner]) -> list[tuple[Learner, Learner]]:
     return [(one, other) for one, other in pairs if common(one) == common(other)] or pairs
 
 
-def _robot(run: Run) -> str:
-    """Name a robot; a path names its own file."""
-    return Path(run.robot).stem
+def _robots(runs: Sequence[Run], scores: Mapping[Path, Score]) -> dict[Path, str]:
+    """Name the robot of each run; a path names its own file."""
+    names = {run.path: Path(run.robot).stem for run in runs}
+    used: dict[str, set[Score]] = {}
+    for path, name in names.items():
+        used.setdefault(name, set()).add(scores[path])
+    return {
+        path: f"{name} ({scores[path].name})" if len(used[name]) > 1 else name for path, name in names.items()
+    }
 
 
 def _reward(run: Run) -> str:

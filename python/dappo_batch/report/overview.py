@@ -9,6 +9,7 @@ import numpy as np
 
 from dappo_batch.report.learners import Learner, matched
 from dappo_batch.report.page import Cell, Note, Part, Section, Text, Tiles, Values
+from dappo_batch.report.score import Score
 from dappo_batch.report.theme import mark
 from dappo_batch.report.words import grouped_digits, rounded
 
@@ -37,15 +38,17 @@ def overview(
     parts: list[Part] = [Note(note) for note in (*notes, *_budgets(found), *_unfinished(found, names))]
     if tiles := _tiles(found):
         parts.append(Tiles(tiles))
+    scores = list(dict.fromkeys(learner.score for learner in found))
     parts.append(
         Text(
-            "Forward reward is the sum of the forward velocity (m/s) over the env steps of an episode: times "
-            "the duration of an env step a distance in m, divided by the number of env steps a speed in m/s. "
-            "Numbers are means over all damage classes, evaluated after training without exploration noise; "
-            "± is the standard error over episodes."
+            " ".join(score.explanation for score in scores)
+            + " Numbers are means over all damage classes, evaluated after training without exploration "
+            "noise; ± is the standard error over episodes."
         )
     )
-    parts += [_learners(found, seconds), _runs(found, names)]
+    # Numbers of different scores cannot be compared.
+    parts += [_learners([each for each in found if each.score == score], score, seconds) for score in scores]
+    parts.append(_runs(found, names))
     return Section("overview", "Overview", parts)
 
 
@@ -55,8 +58,8 @@ def budget_differs(found: Sequence[Learner]) -> bool:
 
 
 def gain(aware: Learner, unaware: Learner) -> tuple[str, str]:
-    """Return the relative gain of the first in mean forward reward, and the classes in which it is ahead."""
-    ours, theirs = (one.scores().rewards.mean(axis=0) for one in (aware, unaware))
+    """Return the relative gain of the first in its mean score, and the classes in which it is ahead."""
+    ours, theirs = (one.scores().values.mean(axis=0) for one in (aware, unaware))
     relative = f"{100 * (ours.mean() / theirs.mean() - 1):+.1f} %" if theirs.mean() > 0 else "n/a"
     return relative, f"{int((ours > theirs).sum())} of {len(ours)}"
 
@@ -104,28 +107,28 @@ def _tiles(found: Sequence[Learner]) -> list[tuple[str, str]]:
         if one.robot == other.robot and one.scores().names == other.scores().names
     ]
     first = pairs[0][0] if pairs else evaluated[0]
-    scores = first.scores()
-    tiles = [(rounded(scores.rewards.mean()), f"forward reward of {first.name}, {first.robot}")]
-    if np.isfinite(scores.speed):
+    score, scores = first.score, first.scores()
+    tiles = [(rounded(scores.values.mean(), score.digits), f"{score.name} of {first.name}, {first.robot}")]
+    if score.is_distance and np.isfinite(scores.speed):
         tiles.append((f"{rounded(scores.speed, 2)} m/s", f"mean forward speed of {first.name}"))
     if pairs:
         relative, ahead = gain(*pairs[0])
         differs = ", budgets differ" if budget_differs(pairs[0]) else ""
         if relative != "n/a":
             tiles.append(
-                (relative, f"forward reward of {first.name} compared with {pairs[0][1].name}{differs}")
+                (relative, f"{score.name} of {first.name} compared with {pairs[0][1].name}{differs}")
             )
         tiles.append((ahead, f"damage classes in which {first.name} is ahead"))
     return tiles
 
 
-def _learners(found: Sequence[Learner], seconds: Mapping[str, float | None]) -> Values:
+def _learners(found: Sequence[Learner], score: Score, seconds: Mapping[str, float | None]) -> Values:
     # Settings in the name need no column.
     has_settings = any(learner.settings not in learner.name for learner in found)
     has_seeds = any(len(learner.evaluated()) > 1 for learner in found)
     header = ["learner", "robot", *(["settings"] if has_settings else []), "reward", "seeds", "env steps"]
-    header += ["forward reward", *(["lowest seed", "highest seed"] if has_seeds else [])]
-    header += ["m/s", "m per episode"]
+    header += [score.name, *(["lowest seed", "highest seed"] if has_seeds else [])]
+    header += ["m/s", "m per episode"] if score.is_distance else []
     rows = []
     for learner in found:
         row: list[str | Cell] = [Cell(learner.name, mark(learner.place)), learner.robot]
@@ -133,11 +136,15 @@ def _learners(found: Sequence[Learner], seconds: Mapping[str, float | None]) -> 
         row += [learner.reward, f"{len(learner.runs)}", _steps(learner.env_steps, found, learner.robot)]
         if learner.evaluated():
             scores = learner.scores()
-            seeds, second = scores.rewards.mean(axis=1), seconds[learner.robot]
+            seeds, second = scores.values.mean(axis=1), seconds[learner.robot]
             error = scores.of_groups().over_seeds()[1][-1]
-            row += [f"{rounded(seeds.mean())} ± {rounded(error)}"]
-            row += [rounded(seeds.min()), rounded(seeds.max())] if has_seeds else []
-            row += [rounded(scores.speed, 2), rounded(None if second is None else seeds.mean() * second)]
+            mean, error, low, high = (
+                rounded(value, score.digits) for value in (seeds.mean(), error, seeds.min(), seeds.max())
+            )
+            row += [f"{mean} ± {error}", *([low, high] if has_seeds else [])]
+            if score.is_distance:
+                distance = None if second is None else seeds.mean() * second
+                row += [rounded(scores.speed, 2), rounded(distance)]
         else:
             row += ["n/a"] * (len(header) - len(row))
         rows.append(row)

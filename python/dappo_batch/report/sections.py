@@ -21,10 +21,9 @@ from dappo_batch.runs.tables import read_text
 
 __all__ = ["sections"]
 
-# Columns of the metrics that are drawn: title, unit, and whether they are means over episodes.
+# Columns of the metrics that are drawn after those of the score: title, unit, and whether they are means over
+# episodes.
 _CURVES = {
-    "forward_reward": ("Forward reward", "sum of m/s", True),
-    "evaluation_forward_reward": ("Forward reward of evaluations", "sum of m/s", False),
     "episode_return": ("Return", "sum of rewards", True),
     "fall_rate": ("Falls", "share of episodes", True),
     "explained_variance": ("Explained variance of the returns", "share", False),
@@ -67,7 +66,12 @@ def sections(sources: Sources, *, with_strips: bool) -> list[Section]:
 
 
 def _seconds(found: Sequence[Learner]) -> float | None:
-    """Return the duration of an env step, s; None if it is unknown or differs."""
+    """Return the duration of an env step, s, for learners whose score times it is a distance in m.
+
+    None if it is unknown or differs.
+    """
+    if not all(learner.score.is_distance for learner in found):
+        return None
     durations = {step_seconds(run) for learner in found for run in learner.runs}
     return durations.pop() if len(durations) == 1 else None
 
@@ -75,13 +79,27 @@ def _seconds(found: Sequence[Learner]) -> float | None:
 def _of_robot(
     robot: str, found: Sequence[Learner], seconds: float | None, *, with_strips: bool
 ) -> list[Section]:
+    score = found[0].score  # all learners of a robot have the same
     curves = [
         training.curves(
-            *(robot, found, column, title, unit),
-            weighted=weighted,
-            seconds=seconds if column.endswith("forward_reward") else None,
-        )
-        for column, (title, unit, weighted) in _CURVES.items()
+            *(robot, found, score.column, score.title, score.unit),
+            weighted=score.over_episodes,
+            over="episodes that ended" if score.over_episodes else "env steps",
+            seconds=seconds,
+        ),
+        training.curves(
+            *(robot, found, score.evaluation_column, f"{score.title} of evaluations", score.unit),
+            weighted=False,
+            seconds=seconds,
+        ),
+        *(
+            training.curves(
+                *(robot, found, column, title, unit),
+                weighted=weighted,
+                over="episodes that ended" if weighted else "",
+            )
+            for column, (title, unit, weighted) in _CURVES.items()
+        ),
     ]
     drawn = [picture for picture in curves if picture is not None]
     pages = [Section(f"{robot}-training", f"{robot}: training", (), drawn)]
@@ -133,19 +151,20 @@ def _comparable(found: Sequence[Learner]) -> list[Learner]:
 
 
 def _gains(pairs: Sequence[tuple[Learner, Learner]]) -> Values:
+    score = pairs[0][0].score
     header = (
         "learner",
-        "forward reward",
+        score.name,
         "compared with",
-        "forward reward",
+        score.name,
         "gain",
         "classes ahead",
         "budgets",
     )
     rows = [
         (
-            *(Cell(aware.label(), mark(aware.place)), rounded(aware.scores().rewards.mean())),
-            *(Cell(unaware.label(), mark(unaware.place)), rounded(unaware.scores().rewards.mean())),
+            *(Cell(aware.label(), mark(aware.place)), _mean(aware)),
+            *(Cell(unaware.label(), mark(unaware.place)), _mean(unaware)),
             *gain(aware, unaware),
             Cell("differ", is_flagged=True) if budget_differs((aware, unaware)) else "equal",
         )
@@ -154,8 +173,14 @@ def _gains(pairs: Sequence[tuple[Learner, Learner]]) -> Values:
     return Values(header, rows)
 
 
+def _mean(learner: Learner) -> str:
+    """Return the mean score over all damage classes and seeds as text."""
+    return rounded(learner.scores().values.mean(), learner.score.digits)
+
+
 def _groups(found: Sequence[Learner]) -> Values:
-    """Return the groups of damage classes, and the learners' mean forward rewards in them."""
+    """Return the groups of damage classes, and the learners' mean scores in them."""
+    digits = found[0].score.digits
     classes = found[0].scores()
     means = [learner.scores().of_groups() for learner in found]
     over_seeds = [mean.over_seeds() for mean in means]
@@ -163,7 +188,9 @@ def _groups(found: Sequence[Learner]) -> Values:
     rows = []
     for index, group in enumerate(means[0].names):
         members = [name for name, of in zip(classes.names, classes.groups, strict=True) if of == group]
-        numbers = [f"{rounded(mean[index])} ± {rounded(error[index])}" for mean, error in over_seeds]
+        numbers = [
+            f"{rounded(mean[index], digits)} ± {rounded(error[index], digits)}" for mean, error in over_seeds
+        ]
         what = "all classes, equally weighted" if group == "all" else _explained(group, members[0])
         rows.append((group, what, f"{len(members) or len(classes.names)}", *numbers))
     return Values(header, rows)

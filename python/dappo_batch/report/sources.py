@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch._core import CheckpointError, ConfigError
+from dappo_batch.report.score import TRACKING, Score, score_of_trace
 from dappo_batch.runs import Run, load_run
 from dappo_batch.runs.run import read_lines, read_toml
 from dappo_batch.runs.tables import Table, columns, read_csv, read_text
@@ -81,6 +82,11 @@ class Trace:
         """Row of the first step with damage; None of a robot that stays healthy."""
         damaged = np.flatnonzero(self.table["damage"] != "healthy")
         return int(damaged[0]) if len(damaged) else None
+
+    @property
+    def score(self) -> Score:
+        """What episodes are compared by."""
+        return score_of_trace(self.table)
 
     @property
     def damage(self) -> str:
@@ -195,8 +201,8 @@ def _add_file(sources: Sources, path: Path) -> None:
         table = read_csv(path, _TRACE)
         if not len(table["step"]):
             raise CheckpointError(f"{path} is a trace without steps; write it again with `adapt --log`")
-        for name in ("step", "forward_velocity"):
-            if table[name].dtype.kind not in "if":
+        for name in ("step", "forward_velocity", TRACKING.step_column):
+            if name in table and table[name].dtype.kind not in "if":
                 raise CheckpointError(
                     f"{path}: not every {name} is a number; write it again with `adapt --log`"
                 )

@@ -33,10 +33,14 @@ _SIZE = (320, 240)
 
 @dataclass(frozen=True)
 class _Episode:
-    """An episode, its forward velocities, m/s, and whether the robot fell."""
+    """An episode, its forward velocities, m/s, its first command, and whether the robot fell.
+
+    The command is forwards and to the left, m/s, and the rate of turn, rad/s; None without commands.
+    """
 
     walk: Walk
     velocities: list[float]
+    command: NDArray[np.float64] | None
     fell: bool
 
 
@@ -48,8 +52,9 @@ def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
     Parameters
     ----------
     learners : sequence of Learner
-        Of one robot, with the same damage classes.
+        Of one robot, with the same damage classes and the same score.
     """
+    score = learners[0].score
     damage = _typical(learners)
     drawn: list[Strip] = []
     notes: list[Note] = []
@@ -62,18 +67,21 @@ def strips(learners: Sequence[Learner]) -> list[Text | Strip | Note]:
                 break  # the next one would fail, too
     if len(learners) > _MOST:
         notes.append(Note(f"Film strips show the first {_MOST} of {len(learners)} learners."))
+    shown, same = ("time, and distance along x", "Damage class and start state")
+    if not score.is_distance:
+        shown, same = "time", "Damage class, start state and commands"
     about = Text(
-        f"The first {_STEPS} env steps of an episode with {damage} from the start on: time, and distance "
-        "along x. Damage class and start state are the same for all learners; the class has the median "
-        "forward reward of all damage classes, mean over the learners. The damaged limbs are red."
+        f"The first {_STEPS} env steps of an episode with {damage} from the start on: {shown}. {same} "
+        f"are the same for all learners; the class has the median {score.name} of all damage classes, mean "
+        "over the learners. The damaged limbs are red."
     )
     return [*([about] if drawn else []), *drawn, *notes]
 
 
 def _typical(learners: Sequence[Learner]) -> str:
-    """Return the damage class whose forward reward, mean over learners, is the median of all damage."""
+    """Return the damage class whose score, mean over learners, is the median of all damage."""
     scores = [learner.scores() for learner in learners]
-    means = np.mean([each.rewards.mean(axis=0) for each in scores], axis=0)
+    means = np.mean([each.values.mean(axis=0) for each in scores], axis=0)
     damaged = [index for index, name in enumerate(scores[0].names) if name != "healthy"] or [0]
     order = sorted(damaged, key=lambda index: float(means[index]))
     return scores[0].names[order[(len(order) - 1) // 2]]
@@ -86,14 +94,27 @@ def _strip(learner: Learner, damage: str) -> Strip:
     last = len(walk.states) - 1
     states = np.linspace(0, last, _FRAMES).round().astype(int).tolist()
     distances = np.concatenate([[0.0], np.cumsum(episode.velocities) * walk.step_seconds])
+    # A distance along x says nothing where robots are to walk in all directions.
+    has_distance = learner.score.is_distance
     pictures = [
-        Frame(_jpeg(picture), f"{state * walk.step_seconds:.1f} s, {rounded(distances[state])} m")
+        Frame(
+            _jpeg(picture),
+            f"{state * walk.step_seconds:.1f} s"
+            + (f", {rounded(distances[state])} m" if has_distance else ""),
+        )
         for state, picture in zip(states, frames(walk, states, size=_SIZE, captioned=False), strict=True)
     ]
-    seconds = last * walk.step_seconds
-    caption = f"Seed {run.seed}: {rounded(distances[-1])} m in {seconds:.1f} s"
-    caption += ", then the robot fell." if episode.fell else "."
+    caption = f"Seed {run.seed}: " + (f"{rounded(distances[-1])} m in " if has_distance else "")
+    caption += f"{last * walk.step_seconds:.1f} s" + (", then the robot fell." if episode.fell else ".")
+    if episode.command is not None:
+        caption += f" First command: {_commanded(episode.command)}."
     return Strip(learner.name, caption, pictures)
+
+
+def _commanded(command: NDArray[np.float64]) -> str:
+    """Return a command as text: forwards and to the left, m/s, and rate of turn, rad/s."""
+    forwards, left, turn = (rounded(float(value), 2) for value in command)
+    return f"{forwards} m/s forwards, {left} m/s to the left, turning at {turn} rad/s"
 
 
 def _episode(run: Run, damage: str) -> _Episode:
@@ -101,7 +122,8 @@ def _episode(run: Run, damage: str) -> _Episode:
     policy = Policy.load(run.path, threads=1, robot_changed="use-run")
     table = _class_table(run)
     robot = make_vec(table, damage=damage, observe_damage=False, threads=1)
-    obs, _ = robot.reset(seed=0)
+    obs, infos = robot.reset(seed=0)
+    command = np.array(infos["command"][0]) if "command" in infos else None
     positions, velocities = [_position(robot.get_state()[0])], []
     fell = False
     for _ in range(_STEPS):
@@ -112,7 +134,7 @@ def _episode(run: Run, damage: str) -> _Episode:
         fell = bool(terminated[0])
         if fell or truncated[0]:
             break
-    return _Episode(Walk(table, np.array(positions), damage), velocities, fell)
+    return _Episode(Walk(table, np.array(positions), damage), velocities, command, fell)
 
 
 def _position(qpos: NDArray[np.float64]) -> NDArray[np.float64]:

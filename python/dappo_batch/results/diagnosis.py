@@ -72,28 +72,37 @@ class DiagnosisSummary(Result):
 class Mistake(Result):
     """A misclassification of `damage_class` as `diagnosed`.
 
-    ``share`` is its share of the windows of the class; ``true_reward`` and ``mistaken_reward`` are the
-    forward rewards of the policy with the code of the true and of the diagnosed class.
+    ``share`` is its share of the windows of the class; ``true_score`` and ``mistaken_score`` are those of the
+    policy with the code of the true and of the diagnosed class, see `Cost`.
     """
 
     damage_class: str
     diagnosed: str
     share: float
-    true_reward: float
-    mistaken_reward: float
+    true_score: float
+    mistaken_score: float
 
 
 @dataclass(frozen=True)
 class Cost(Result):
     """Cost of misclassifications for a policy.
 
-    ``true_reward`` and ``diagnosed_reward`` are its mean forward rewards with the code of the true and of the
-    diagnosed class, ``gait_equivalent_accuracy`` the second as a share of the first. ``mistakes`` are in
-    descending order of their cost.
+    Attributes
+    ----------
+    compared_by : str
+        What scores are: ``forward_reward``, m/s summed over steps, or ``tracking``, 0 to 1, for a task with
+        commands.
+    true_score, diagnosed_score : float
+        Mean scores of the policy over all classes, with the code of the true and of the diagnosed class.
+    gait_equivalent_accuracy : float
+        The second as a share of the first.
+    mistakes : tuple of Mistake
+        In descending order of their cost.
     """
 
-    true_reward: float
-    diagnosed_reward: float
+    compared_by: str
+    true_score: float
+    diagnosed_score: float
     gait_equivalent_accuracy: float
     mistakes: tuple[Mistake, ...]
 

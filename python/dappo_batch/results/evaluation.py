@@ -28,7 +28,8 @@ class ClassResult(Result):
     ``forward_reward`` is the sum of the forward velocity (m/s) over the env steps of an episode,
     ``forward_velocity`` its mean over all steps in m/s, ``distance`` the distance of an episode in m.
     ``tracking`` is how well commanded velocities are tracked, the mean of the term ``track_lin_vel`` over the
-    steps of an episode, 0 after a fall; None for a task without commands.
+    steps of an episode, 0 after a fall; None for a task without commands. ``standard_error`` and
+    ``tracking_standard_error`` are those of the forward reward and of the tracking, over episodes.
     ``episode_length`` is in env steps; ``falls`` counts terminated episodes, ``diverged`` those among them
     whose physics diverged.
     """
@@ -46,13 +47,14 @@ class ClassResult(Result):
     falls: int
     diverged: int
     tracking: float | None = None
+    tracking_standard_error: float | None = None
 
 
 @dataclass(frozen=True)
 class GroupResult(Result):
     """Results of a policy with a group of equally weighted damage classes; ``all`` contains every class.
 
-    The standard error is over episodes and does not include the spread between classes.
+    Standard errors are over episodes and do not include the spread between classes.
     """
 
     group: str
@@ -65,6 +67,7 @@ class GroupResult(Result):
     falls: int
     diverged: int
     tracking: float | None = None
+    tracking_standard_error: float | None = None
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
+use dappo_learn::evaluate::Score;
 use dappo_learn::statistics::mean;
 use dappo_learn::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 use serde::Serialize;
@@ -18,19 +19,21 @@ pub struct Mistake {
     pub diagnosed: String,
     /// Share of the windows of the true class, 0 to 1.
     pub share: f64,
-    /// Forward reward of the policy with the code of the true class: mean over episodes of Σ forward velocity, m/s.
-    pub true_reward: f64,
-    /// Forward reward of the policy with the code of the diagnosed class, m/s.
-    pub mistaken_reward: f64,
+    /// Score of the policy with the code of the true class, mean over episodes.
+    pub true_score: f64,
+    /// Score of the policy with the code of the diagnosed class.
+    pub mistaken_score: f64,
 }
 
-/// The forward reward of a policy that has the code of every robot's diagnosis instead of its damage's.
+/// The score of a policy that has the code of every robot's diagnosis instead of its damage's.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cost {
-    /// Mean forward reward over the classes, with the true code, m/s.
-    pub true_reward: f64,
-    /// The same with the code of the diagnosis, m/s; mistakes are weighted by how often they were made.
-    pub diagnosed_reward: f64,
+    /// What the scores are: forward rewards, m/s, or the tracking of commands, from 0 to 1.
+    pub compared_by: Score,
+    /// Mean score over the classes, with the true code.
+    pub true_score: f64,
+    /// The same with the code of the diagnosis; mistakes are weighted by how often they were made.
+    pub diagnosed_score: f64,
     /// The second as a share of the first, the gait-equivalent accuracy; 1 without mistakes that cost anything.
     pub gait_equivalent_accuracy: f64,
     /// The mistakes, those that cost most over all classes first.
@@ -60,40 +63,40 @@ pub fn cost(
         .flat_map(|class| (0..names.len()).map(move |diagnosed| (class, diagnosed)))
         .filter(|&(class, diagnosed)| made(class, diagnosed))
         .collect();
-    let Some(rewards) = rewards(policy, config, &pairs, factory, stop)? else { return Ok(None) };
+    let Some(scores) = scores(policy, config, &pairs, factory, stop)? else { return Ok(None) };
     let truth: Vec<f64> = (0..names.len())
-        .filter_map(|class| pairs.iter().position(|&pair| pair == (class, class)).map(|index| rewards[index]))
+        .filter_map(|class| pairs.iter().position(|&pair| pair == (class, class)).map(|index| scores[index]))
         .collect();
     let mut mistakes: Vec<Mistake> = pairs
         .iter()
-        .zip(&rewards)
+        .zip(&scores)
         .filter(|((class, diagnosed), _)| class != diagnosed)
-        .map(|(&(class, diagnosed), &mistaken_reward)| Mistake {
+        .map(|(&(class, diagnosed), &mistaken_score)| Mistake {
             class: names[class].clone(),
             diagnosed: names[diagnosed].clone(),
             share: report.share(class, diagnosed),
-            true_reward: truth[class],
-            mistaken_reward,
+            true_score: truth[class],
+            mistaken_score,
         })
         .collect();
-    let loss = |mistake: &Mistake| mistake.share * (mistake.true_reward - mistake.mistaken_reward);
+    let loss = |mistake: &Mistake| mistake.share * (mistake.true_score - mistake.mistaken_score);
     mistakes.sort_by(|one, other| loss(other).total_cmp(&loss(one)));
-    let true_reward = truth.iter().sum::<f64>() / names.len() as f64;
-    let diagnosed_reward = true_reward - mistakes.iter().map(loss).sum::<f64>() / names.len() as f64;
+    let true_score = truth.iter().sum::<f64>() / names.len() as f64;
+    let diagnosed_score = true_score - mistakes.iter().map(loss).sum::<f64>() / names.len() as f64;
     Ok(Some(Cost {
-        true_reward,
-        diagnosed_reward,
-        gait_equivalent_accuracy: diagnosed_reward / true_reward,
+        compared_by: Score::of(factory.robot()),
+        true_score,
+        diagnosed_score,
+        gait_equivalent_accuracy: diagnosed_score / true_score,
         mistakes,
     }))
 }
 
-/// The mean forward reward of a policy with the code of the second class of each pair, on robots with the
-/// first, m/s.
+/// The mean score of a policy with the code of the second class of each pair, on robots with the first.
 ///
 /// # Shapes
 /// pairs `[P]`; returns `[P]`
-fn rewards(
+fn scores(
     policy: &dyn MeanActions,
     config: &Config,
     pairs: &[(usize, usize)],
@@ -106,6 +109,7 @@ fn rewards(
     let (classes, given): (Vec<usize>, Vec<usize>) = pairs.iter().copied().unzip();
     let trial = Trial::of_evaluation(classes, config);
     let walks = trial.run(&mut Agent::Given(policy, &known, &given), config, factory, stop)?;
-    let mean = |episodes: &[Episode]| mean(episodes.iter().map(|episode| episode.forward_reward));
+    let (score, steps) = (Score::of(factory.robot()), factory.max_episode_steps(config));
+    let mean = |episodes: &[Episode]| mean(episodes.iter().map(|episode| score.of_episode(episode, steps)));
     Ok(walks.map(|walks| walks.episodes.chunks_exact(trial.episodes).map(mean).collect()))
 }

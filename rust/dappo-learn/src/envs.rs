@@ -8,27 +8,7 @@ use crate::config::Config;
 use crate::engine::{HostEngine, RolloutEngine};
 use crate::error::Result;
 use crate::simulator::Simulator;
-
-/// Lengths of what a learner sees and does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Sizes {
-    /// Length of an observation, privileged entries and the damage code included.
-    pub obs_dim: usize,
-    /// Number of entries before the damage code that the value net alone is given.
-    pub privileged: usize,
-    /// Length of the damage code in it; 0 when damage is not observed.
-    pub code_length: usize,
-    /// Length of an action.
-    pub action_dim: usize,
-}
-
-impl Sizes {
-    /// Length of what the policy observes, without the damage code.
-    #[must_use]
-    pub fn seen(&self) -> usize {
-        self.obs_dim - self.privileged - self.code_length
-    }
-}
+use crate::sizes::Sizes;
 
 /// Makes the envs of one robot and one set of damage classes.
 pub trait EnvFactory {
@@ -84,13 +64,18 @@ pub trait EnvFactory {
         Ok(Box::new(HostEngine::new(env, config)?))
     }
 
+    /// Env steps of an episode that does not end in a failure.
+    fn max_episode_steps(&self, config: &Config) -> usize {
+        config.env.max_episode_steps.unwrap_or(self.robot().max_episode_steps)
+    }
+
     /// The training envs of a configuration.
     fn env_config(&self, config: &Config) -> Result<VectorEnvConfig> {
         Ok(VectorEnvConfig {
             keys: env_keys(config.seed, config.env.num_envs),
             observe_damage: config.env.observe_damage,
             autoreset: Autoreset::SameStep,
-            max_episode_steps: config.env.max_episode_steps.unwrap_or(self.robot().max_episode_steps),
+            max_episode_steps: self.max_episode_steps(config),
             classes: config.curriculum[0].mix.distribution(self.space())?,
             course: config.damage.course(),
         })

@@ -5,7 +5,7 @@ use dappo_sim::memory::{Bytes, of_envs};
 use dappo_sim::{Layout, SimError};
 
 use crate::config::Config;
-use crate::envs::Sizes;
+use crate::sizes::Sizes;
 
 /// Bytes of a number of the networks.
 pub const FLOAT: usize = size_of::<f32>();

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicIsize, Ordering};
 
 use burn::tensor::Device;
-use dappo_learn::envs::Sizes;
+use dappo_learn::Sizes;
 use dappo_learn::{Ppo, PpoConfig, Rollout, gae};
 use dappo_sim::rng::{Purpose, Stream};
 

@@ -1,4 +1,5 @@
-//! Arguments of the classes that Python programs make themselves: what has the wrong type is a `ConfigError`.
+//! Arguments of the classes that Python programs make themselves: what has the wrong type is a `ConfigError`, an array with
+//! another layout a `ShapeError`.
 
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
@@ -17,4 +18,9 @@ where
         let shown: String = shown.unwrap_or_else(|_| "an object".to_owned()).chars().take(80).collect();
         raise(Kind::Config, format!("{what} must be {expected}, got {shown}"))
     })
+}
+
+/// The error of an array whose numbers are not side by side.
+pub fn not_contiguous<E: std::fmt::Display>(error: E) -> PyErr {
+    raise(Kind::Shape, format!("arrays must be C-contiguous ({error}); use numpy.ascontiguousarray"))
 }

@@ -12,13 +12,13 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::arguments::not_contiguous;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::{TableFactory, to_python};
 use crate::keywords::assignments;
 use crate::kinds::RobotChanged;
 use crate::pool::Pool;
 use crate::run_robot::{self, OpenRun};
-use crate::vector_env::not_contiguous;
 
 /// Opens the parts of a controller; fails unless they were made with the robot of the policy's run.
 pub fn open_parts(py: Python<'_>, run: &OpenRun, expert: Option<&Path>, diagnoser: &Path) -> PyResult<Parts> {

@@ -10,12 +10,12 @@ use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::arguments::not_contiguous;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::kinds::RobotChanged;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
-use crate::vector_env::not_contiguous;
 
 /// A trained diagnoser, and what simulates the healthy twins that it compares robots with.
 #[pyclass(name = "Diagnoser", module = "dappo_batch._core")]

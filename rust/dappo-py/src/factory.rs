@@ -1,8 +1,9 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
+use dappo_learn::Sizes;
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
-use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;

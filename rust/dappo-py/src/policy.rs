@@ -11,13 +11,13 @@ use dappo_sim::DamageSpace;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::arguments::not_contiguous;
 use crate::controller;
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
 use crate::kinds::RobotChanged;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
-use crate::vector_env::not_contiguous;
 
 /// A trained policy without exploration noise.
 #[pyclass(name = "Policy", module = "dappo_batch._core")]

@@ -1,27 +1,18 @@
 //! `VectorEnv` in Python: N damage-randomised episodes on all cores.
 
+mod running;
 mod views;
 
-use dappo_sim::backend::{BackendKind, Device, Physics, Precision};
-use dappo_sim::curriculum::ClassDistribution;
-use dappo_sim::threads::available;
-use dappo_sim::vector_env::{
-    Autoreset, Buffers, DamageCourse, ResetOptions, StepRange, VectorEnv, VectorEnvConfig, VectorEnvSnapshot,
-};
+use dappo_sim::vector_env::{Buffers, ResetOptions, VectorEnv, VectorEnvConfig, VectorEnvSnapshot};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::class_table::{BackendOptions, ClassTable};
-use crate::errors::{Kind, OrRaise, raise};
-use crate::pool::Pool;
-use crate::warp::{self, Room};
+use crate::arguments::not_contiguous;
+use crate::class_table::ClassTable;
+use crate::errors::{Kind, raise};
+use crate::warp::Room;
+use running::{Running, Wish};
 use views::{view1, view2};
-
-/// A vector env and the threads that step it.
-struct Running {
-    env: VectorEnv,
-    pool: Pool,
-}
 
 /// N damage-randomised episodes; `dappo_batch.envs` gives them Gymnasium's face.
 #[pyclass(name = "VectorEnv", module = "dappo_batch._core")]
@@ -60,18 +51,6 @@ fn closed() -> PyErr {
     raise(Kind::Simulation, "the vector env is closed; make a new one")
 }
 
-fn parse_autoreset(mode: &str) -> PyResult<Autoreset> {
-    match mode {
-        "next_step" => Ok(Autoreset::NextStep),
-        "same_step" => Ok(Autoreset::SameStep),
-        "disabled" => Ok(Autoreset::Disabled),
-        other => Err(raise(
-            Kind::Config,
-            format!("autoreset is `{other}`, expected `next_step`, `same_step` or `disabled`"),
-        )),
-    }
-}
-
 /// Entries below zero mean "draw".
 fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Option<usize>>>> {
     values
@@ -79,10 +58,6 @@ fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Op
             Ok(values.as_slice().map_err(not_contiguous)?.iter().map(|&v| usize::try_from(v).ok()).collect())
         })
         .transpose()
-}
-
-pub fn not_contiguous<E: std::fmt::Display>(error: E) -> PyErr {
-    raise(Kind::Shape, format!("arrays must be C-contiguous ({error}); use numpy.ascontiguousarray"))
 }
 
 type Flags<'py> = Bound<'py, PyArray1<bool>>;
@@ -120,58 +95,26 @@ impl PyVectorEnv {
         njmax: Option<usize>,
         nconmax: Option<usize>,
     ) -> PyResult<Self> {
-        let wish = Device::parse(device).or_raise()?;
-        let device = warp::resolve(wish).or_raise()?;
-        let kind = BackendKind::parse(backend).or_raise()?;
-        let precision = Precision::parse(precision).or_raise()?;
         let table = ClassTable::read(table)?;
-        let classes = match class_weights {
-            None => ClassDistribution::uniform(table.space.classes().len()),
-            Some(weights) => {
-                ClassDistribution::from_weights(weights.as_slice().map_err(not_contiguous)?).or_raise()?
-            }
-        };
-        let steps = |(first, last)| StepRange { first, last };
         let config = VectorEnvConfig {
             keys: seeds.as_slice().map_err(not_contiguous)?.to_vec(),
             observe_damage,
-            autoreset: parse_autoreset(autoreset)?,
+            autoreset: running::autoreset(autoreset)?,
             max_episode_steps: max_episode_steps.unwrap_or(table.robot.max_episode_steps),
-            classes,
-            course: DamageCourse {
-                onset: steps(onset),
-                duration: damage_duration.map(steps),
-                pause: damage_pause.map(steps),
-                code_delay: steps(code_delay),
-            },
+            classes: running::distribution(class_weights, table.space.classes().len())?,
+            course: running::course(onset, damage_duration, damage_pause, code_delay),
         };
-        let lanes = table.lane_table(kind)?;
-        let physics = Physics::new(device, lanes.is_ok(), precision);
-        let most = physics.most_threads(num_envs);
-        let pool = Pool::new(Some(threads.unwrap_or_else(available).min(most)))?;
-        let threads = pool.num_threads();
-        let options = BackendOptions {
-            reward,
-            training: false,
-            num_envs,
-            threads,
-            physics,
-            room: Room { njmax, nconmax },
-        };
-        let backend = table.backend(&lanes, options)?;
-        let env = VectorEnv::new(backend, &table.space, config).or_raise()?;
+        let room = Room { njmax, nconmax };
+        let wish = Wish { num_envs, reward, threads, device, backend, precision, room };
+        let (running, device, backend_note) = Running::start(&table, config, &wish)?;
         Ok(Self {
-            running: Some(Running { env, pool }),
+            running: Some(running),
             kept: None,
             num_envs,
             nq: table.layout.nq,
             nv: table.layout.nv,
-            backend_note: match (physics, lanes) {
-                (Physics::Mujoco, Err(note)) => note,
-                (Physics::Lanes(_), Ok(table)) => table.notes().join("; "),
-                (Physics::Lanes(_) | Physics::Mujoco | Physics::Warp(_), _) => String::new(),
-            },
-            device: physics.device(),
+            device,
+            backend_note,
         })
     }
 

@@ -4,6 +4,7 @@ mod earlier;
 mod entries;
 mod event_faults;
 mod faults;
+mod limits;
 mod nesting;
 mod simplify;
 mod task_faults;

@@ -1,4 +1,4 @@
-"""Figures of damage during an episode: remaining speed, and single episodes step by step."""
+"""Figures of damage during an episode: remaining speed or tracking, and single episodes step by step."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dappo_batch.report.picture import Key, Picture, canvas
+from dappo_batch.report.score import Score
 from dappo_batch.report.sources import Trace
 from dappo_batch.report.theme import BAND, INK, MUTED, PAPER, SERIES, Dash, Mark, mark
 from dappo_batch.runs import Run
@@ -26,7 +27,7 @@ _EVENTS: dict[str, tuple[str, Dash]] = {
 
 
 def shares(table: Table) -> dict[str, float]:
-    """Return forward rewards after the damage as shares of the oracle's, ratios of means over the damages.
+    """Return scores after the damage as shares of the oracle's, ratios of means over the damages.
 
     Columns without a number are left out.
     """
@@ -41,8 +42,18 @@ def shares(table: Table) -> dict[str, float]:
     return found
 
 
-def kept(runs: Sequence[Run], names: Sequence[str]) -> Picture | None:
-    """Draw shares of the oracle's forward reward after the onset; None if they are unknown."""
+def kept(runs: Sequence[Run], names: Sequence[str], score: Score) -> Picture | None:
+    """Draw shares of the oracle's score after the onset; None if they are unknown.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Runs with a score in common.
+    names : sequence of str
+        Their names.
+    score : Score
+        The score.
+    """
     found = [shares(run.adaptation or {}) for run in runs]
     legend = [
         Key(label, Mark(SERIES[index]))
@@ -71,19 +82,21 @@ def kept(runs: Sequence[Run], names: Sequence[str]) -> Picture | None:
         axes.set_ylim(len(runs) - 0.5, -0.5)
         axes.grid(visible=False, axis="y")
         axes.margins(x=0.12)
-        axes.set_xlabel("% of the oracle's forward reward")
+        axes.set_xlabel(f"% of the oracle's {score.name}")
         return figure
 
     caption = (
-        "Forward reward from the onset of the damage on, as a share of that of the oracle: the same policy "
+        f"{score.title} from the onset of the damage on, as a share of that of the oracle: the same policy "
         "with the true damage code from the onset on. Ratio of the means over all damage classes."
     )
-    return Picture("adaptation", "Share of the oracle's forward reward", caption, draw, legend)
+    # Only a report of robots with and without commands has two such figures.
+    file = "adaptation" if score.is_distance else "adaptation-tracking"
+    return Picture(file, f"Share of the oracle's {score.name}", caption, draw, legend)
 
 
 def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
-    """Draw the speed in episodes with the same damage, the onset, and the events of the controller."""
-    first = traces[0]
+    """Draw episodes with the same damage and score: speed or tracking, onset, events of the controller."""
+    first, score = traces[0], traces[0].score
     lines = [Key(own, Mark(mark(index).colour, "-")) for index, own in enumerate(names)]
     happened = [[kind for _, kind in _kinds(trace)] for trace in traces]
     events = [
@@ -101,21 +114,21 @@ def walks(traces: Sequence[Trace], names: Sequence[str], name: str) -> Picture:
             axes.axvspan(start, float(first.table["step"][-1]), color=BAND, linewidth=0, zorder=0)
             axes.axvline(start, color=INK, linewidth=1.2)
         for trace, key in zip(traces, lines, strict=True):
-            speed = trace.table["forward_velocity"].astype(np.float64)
+            values = trace.table[score.step_column].astype(np.float64)
             steps = trace.table["step"]
             if len(traces) == 1:
-                axes.plot(steps, speed, color=key.mark.colour, alpha=0.25, linewidth=0.6)
-            axes.plot(steps, _smooth(speed), color=key.mark.colour)
+                axes.plot(steps, values, color=key.mark.colour, alpha=0.25, linewidth=0.6)
+            axes.plot(steps, _smooth(values), color=key.mark.colour)
             for row, kind in _kinds(trace):
                 axes.axvline(
                     float(steps[row]), color=key.mark.colour, linewidth=1, linestyle=_EVENTS[kind][1]
                 )
         axes.set_xlabel("env step")
-        axes.set_ylabel("forward velocity, m/s")
+        axes.set_ylabel(f"{score.step_name}, {score.step_unit}")
         axes.set_xlim(0, max(float(trace.table["step"][-1]) for trace in traces))
         return figure
 
-    caption = f"Forward velocity, mean over the last {_SMOOTH} steps."
+    caption = f"{score.step_name.capitalize()}, mean over the last {_SMOOTH} steps."
     if first.onset is not None:
         caption += f" Shaded: {first.damage} is active, from step {first.table['step'][first.onset]} on."
     if any(happened):

@@ -34,7 +34,7 @@ _Array: TypeAlias = NDArray[np.float64]
 
 
 def classes(robot: str, learners: Sequence[Learner], seconds: float | None) -> list[Picture]:
-    """Draw the forward reward of every damage class, group after group, in figures of one scale."""
+    """Draw the score in every damage class, group after group, in figures of one scale."""
     scores = [learner.scores() for learner in learners]
     groups = list(dict.fromkeys(scores[0].groups))
     order = np.array(
@@ -57,13 +57,13 @@ def classes(robot: str, learners: Sequence[Learner], seconds: float | None) -> l
 
 
 def groups(robot: str, learners: Sequence[Learner], seconds: float | None) -> Picture:
-    """Draw the mean forward reward of every group of damage classes, and of all."""
+    """Draw the mean score of every group of damage classes, and of all."""
     scores = [learner.scores().of_groups() for learner in learners]
     return _dots(f"{robot}-groups", "Groups of damage classes", learners, scores, seconds)
 
 
 def encodings(robot: str, learners: Sequence[Learner], seconds: float | None) -> Picture | None:
-    """Draw the mean forward reward by encoding; None if there is only ``true``."""
+    """Draw the mean score by encoding; None if there is only ``true``."""
     given_another = [learner for learner in learners if any(map(learner.evaluated, list(_ENCODINGS)[1:]))]
     given = [
         encoding for encoding in _ENCODINGS if all(learner.evaluated(encoding) for learner in given_another)
@@ -81,14 +81,14 @@ def encodings(robot: str, learners: Sequence[Learner], seconds: float | None) ->
         means = [learner.scores(encoding).of_groups().only(np.array([-1])) for encoding in given]
         joined = (
             np.concatenate([getattr(mean, values) for mean in means], axis=1)
-            for values in ("rewards", "errors", "lengths")
+            for values in ("values", "errors", "lengths")
         )
         scores.append(Scores(names, names, *joined))
     return _dots(f"{robot}-encodings", "Observed damage code", compared, scores, seconds)
 
 
 def against(robot: str, aware: Learner, unaware: Learner, number: int) -> Picture:
-    """Draw the classes' forward rewards of two learners against each other."""
+    """Draw the scores of two learners in every damage class against each other."""
     scores = aware.scores()
     (ours, our_errors), (theirs, their_errors) = scores.over_seeds(), unaware.scores().over_seeds()
     of_class = np.array(scores.groups)
@@ -111,15 +111,15 @@ def against(robot: str, aware: Learner, unaware: Learner, number: int) -> Pictur
                 theirs[chosen], ours[chosen], up, across, "none", ecolor=colour, elinewidth=0.7, alpha=0.6
             )
             axes.scatter(theirs[chosen], ours[chosen], 22, color=colour, marker=key.mark.marker, zorder=3)
-        axes.set_xlabel(f"forward reward of {unaware.name}")
-        axes.set_ylabel(f"forward reward of {aware.name}")
+        axes.set_xlabel(f"{aware.score.name} of {unaware.name}")
+        axes.set_ylabel(f"{aware.score.name} of {aware.name}")
         axes.set_box_aspect(1.0)
         axes.set_xlim(*ends)
         axes.set_ylim(*ends)
         return figure
 
     ahead = int((ours > theirs).sum())
-    caption = f"Forward reward in every damage class{_of_seeds([aware, unaware])}. "
+    caption = f"{aware.score.title} in every damage class{_of_seeds([aware, unaware])}. "
     caption += f"Above the dashed line {aware.name} is ahead: in {ahead} of {len(ours)} classes."
     caption += _of_errors([our_errors, their_errors])
     title = f"{aware.name} and {unaware.name}"
@@ -135,7 +135,7 @@ def _ends(values: _Array, errors: _Array) -> tuple[_Array, _Array]:
 def _reach(scores: Scores) -> tuple[float, float]:
     """Return the least and the largest value that is drawn."""
     low, high = _ends(*scores.over_seeds())
-    return float(min(low.min(), scores.rewards.min())), float(max(high.max(), scores.rewards.max()))
+    return float(min(low.min(), scores.values.min())), float(max(high.max(), scores.values.max()))
 
 
 def _of_seeds(learners: Sequence[Learner]) -> str:
@@ -156,7 +156,7 @@ def _dots(
     reach: tuple[float, float] | None = None,
 ) -> Picture:
     """Draw a row for every class, group or encoding, and in it a marker for every learner."""
-    names, of_row = scores[0].names, scores[0].groups
+    names, of_row, score = scores[0].names, scores[0].groups, learners[0].score
     row = max(_LINE if any("+" in name for name in names) else 0.2, _ROOM * len(learners) + 0.08)
 
     def draw(width: float) -> Figure:
@@ -167,10 +167,10 @@ def _dots(
             place = np.arange(len(names)) + (index - (len(learners) - 1) / 2) * _ROOM / row
             mean, errors = each.over_seeds()
             axes.hlines(place, *_ends(mean, errors), color=how.colour, linewidth=1.1)
-            if len(each.rewards) > 1:
+            if len(each.values) > 1:
                 axes.scatter(
-                    each.rewards,
-                    np.tile(place, (len(each.rewards), 1)),
+                    each.values,
+                    np.tile(place, (len(each.values), 1)),
                     7,
                     facecolor="none",
                     edgecolor=how.colour,
@@ -189,12 +189,12 @@ def _dots(
         if axes.get_xlim()[0] < 0 < axes.get_xlim()[1]:
             axes.axvline(0.0, color=MUTED, linewidth=0.8)
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("forward reward (sum of m/s)", color=INK)
+        axes.set_xlabel(score.axis, color=INK)
         metres(axes, seconds, "x")
         return figure
 
-    caption = f"Forward reward{_of_seeds(learners)}." + _of_errors([each.over_seeds()[1] for each in scores])
-    if any(len(each.rewards) > 1 for each in scores):
+    caption = f"{score.title}{_of_seeds(learners)}." + _of_errors([each.over_seeds()[1] for each in scores])
+    if any(len(each.values) > 1 for each in scores):
         caption += " Hollow markers: single seeds."
     return Picture(file, title, caption, draw, keys(learners, lines=False))
 

@@ -22,7 +22,7 @@ def keys(learners: Sequence[Learner], *, lines: bool) -> tuple[Key, ...]:
 
 
 def metres(axes: Axes, seconds: float | None, direction: Literal["x", "y"] = "y") -> None:
-    """Add a second axis to one of forward rewards, in m; none if the length of an env step is unknown."""
+    """Add a second axis in m to one of forward rewards, or none without the duration of an env step, s."""
     if seconds is None:
         return
     functions = (lambda rewards: rewards * seconds, lambda distances: distances / seconds)

@@ -30,6 +30,7 @@ def curves(
     unit: str,
     *,
     weighted: bool,
+    over: str = "",
     seconds: float | None = None,
 ) -> Picture | None:
     """Draw a column of the metrics over training: the mean over seeds, and a band over their range.
@@ -46,6 +47,8 @@ def curves(
         Title and unit.
     weighted : bool
         Whether the column is a mean over episodes.
+    over : str
+        What the column is a mean over, of those with exploration noise.
     seconds : float, optional
         Duration of an env step, s, for a second axis in m; only of forward rewards.
 
@@ -71,7 +74,7 @@ def curves(
         return figure
 
     caption = f"{title} in training"
-    caption += ", of the episodes that ended, with exploration noise." if weighted else "."
+    caption += f", of the {over}, with exploration noise." if over else "."
     if any(len(curve.values) > 1 for _, curve in drawn):
         caption += " Lines are means over seeds, bands range from the lowest to the highest seed."
     legend = keys([learner for learner, _ in drawn], lines=True)

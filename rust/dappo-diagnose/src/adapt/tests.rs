@@ -2,8 +2,9 @@
 
 use std::cell::{Cell, RefCell};
 
+use dappo_learn::Sizes;
 use dappo_learn::config::Config;
-use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::envs::EnvFactory;
 use dappo_learn::walk::{Event, EventKind, Kept, KnownClasses, Trial, Walks};
 use dappo_nn::diagnoser::DiagnoserNet;
 use dappo_nn::{FrozenMlp, InputTransform, Policy, Standardizer, cpu};

@@ -1,5 +1,6 @@
 //! Evaluations of diagnosers as text.
 
+use dappo_learn::evaluate::Score;
 use dappo_learn::text_table::table;
 
 use super::Evaluated;
@@ -49,26 +50,29 @@ impl Evaluated {
 impl Cost {
     /// What the mistakes cost, and the three that cost most.
     fn text(&self) -> String {
+        let (name, decimals) = (self.compared_by.name(), self.compared_by.decimals());
         let cost = format!(
-            "  forward reward of the policy: {:.1} with the true class, {:.1} with the diagnosis: \
+            "  {name} of the policy: {:.decimals$} with the true class, {:.decimals$} with the diagnosis: \
              gait-equivalent accuracy {:.2} %\n",
-            self.true_reward,
-            self.diagnosed_reward,
+            self.true_score,
+            self.diagnosed_score,
             100.0 * self.gait_equivalent_accuracy
         );
-        cost + &self.mistakes.iter().take(3).map(Mistake::text).collect::<String>()
+        let mistakes = self.mistakes.iter().take(3).map(|mistake| mistake.text(self.compared_by));
+        cost + &mistakes.collect::<String>()
     }
 }
 
 impl Mistake {
-    fn text(&self) -> String {
+    fn text(&self, compared_by: Score) -> String {
+        let (name, decimals) = (compared_by.name(), compared_by.decimals());
         format!(
-            "    {:.1} % of {} are diagnosed as {}, which changes the reward from {:.0} to {:.0}\n",
+            "    {:.1} % of {} are diagnosed as {}, which changes the {name} from {:.decimals$} to {:.decimals$}\n",
             100.0 * self.share,
             self.class,
             self.diagnosed,
-            self.true_reward,
-            self.mistaken_reward
+            self.true_score,
+            self.mistaken_score
         )
     }
 }
@@ -127,14 +131,15 @@ mod tests {
             class: "healthy".into(),
             diagnosed: "jammed@0".into(),
             share,
-            true_reward: 2000.0,
-            mistaken_reward: 500.0,
+            true_score: 2000.0,
+            mistaken_score: 500.0,
         };
         let mut found = evaluated("d0", "data/test", 0.75);
         (found.summary.standard_error, found.summary.held_out_accuracy) = (0.015, Some(0.5));
         found.cost = Some(Cost {
-            true_reward: 2000.0,
-            diagnosed_reward: 1500.0,
+            compared_by: Score::ForwardReward,
+            true_score: 2000.0,
+            diagnosed_score: 1500.0,
             gait_equivalent_accuracy: 0.75,
             mistakes: [0.25, 0.125, 0.03, 0.01].map(mistake).to_vec(),
         });
@@ -144,10 +149,32 @@ mod tests {
               on classes that it was not trained on: 50.00 %\n  \
               forward reward of the policy: 2000.0 with the true class, 1500.0 with the diagnosis: \
               gait-equivalent accuracy 75.00 %\n    \
-                25.0 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n    \
-                12.5 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n    \
-                3.0 % of healthy are diagnosed as jammed@0, which changes the reward from 2000 to 500\n";
+                25.0 % of healthy are diagnosed as jammed@0, which changes the forward reward from 2000.0 to 500.0\n    \
+                12.5 % of healthy are diagnosed as jammed@0, which changes the forward reward from 2000.0 to 500.0\n    \
+                3.0 % of healthy are diagnosed as jammed@0, which changes the forward reward from 2000.0 to 500.0\n";
         assert_eq!(found.text(), expected);
+    }
+
+    #[test]
+    fn mistakes_of_a_task_with_commands_cost_tracking() {
+        let mut found = evaluated("d0", "data/test", 0.75);
+        found.cost = Some(Cost {
+            compared_by: Score::Tracking,
+            true_score: 0.75,
+            diagnosed_score: 0.5,
+            gait_equivalent_accuracy: 2.0 / 3.0,
+            mistakes: vec![Mistake {
+                class: "healthy".into(),
+                diagnosed: "jammed@0".into(),
+                share: 0.25,
+                true_score: 0.875,
+                mistaken_score: 0.125,
+            }],
+        });
+        let expected = "  tracking of the policy: 0.750 with the true class, 0.500 with the diagnosis: \
+            gait-equivalent accuracy 66.67 %\n    \
+            25.0 % of healthy are diagnosed as jammed@0, which changes the tracking from 0.875 to 0.125\n";
+        assert!(found.text().ends_with(expected), "{}", found.text());
     }
 
     #[test]

@@ -16,7 +16,6 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::engine::RolloutEngine;
-use crate::envs::Sizes;
 use crate::episodes::EpisodeTracker;
 use crate::error::{FileKind, Result};
 use crate::files::sealed::{
@@ -24,6 +23,7 @@ use crate::files::sealed::{
 };
 use crate::files::{Files, check_folder, io, own_folder, remove_folder, sweep};
 use crate::ppo::{Ppo, PpoConfig};
+use crate::sizes::Sizes;
 
 pub use env_state::EnvState;
 

@@ -16,7 +16,6 @@ fn are_usual(levels: &usize) -> bool {
     *levels == SEVERITY_LEVELS
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
 fn is_nothing(steps: &StepRange) -> bool {
     *steps == StepRange::default()
 }

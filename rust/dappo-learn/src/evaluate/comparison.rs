@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::bootstrap::{CONFIDENCE, Gain, RESAMPLES, gain};
+use super::score::Score;
 use super::tables::{ClassResult, Evaluation};
 use crate::csv_table::table;
 use crate::error::{LearnError, Result};
@@ -59,26 +60,6 @@ pub struct Side {
     pub tracking: Option<f64>,
     /// One run a seed.
     pub seeds: Vec<RunSummary>,
-}
-
-/// What policies are compared by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Score {
-    /// Σ forward velocity of an episode.
-    ForwardReward,
-    /// How well commanded velocities are tracked, from 0 to 1.
-    Tracking,
-}
-
-impl Score {
-    /// Columns of both sides in a table.
-    fn columns(self) -> [&'static str; 2] {
-        match self {
-            Self::ForwardReward => ["forward_reward", "other_forward_reward"],
-            Self::Tracking => ["tracking", "other_tracking"],
-        }
-    }
 }
 
 /// A comparison in a few numbers.
@@ -194,7 +175,7 @@ impl Comparison {
             // As the damage space names its groups.
             adjacent_pairs: pairs(" A"),
             opposite_pairs: pairs(" O"),
-            compared_by: if first.evaluation.is_commanded() { Score::Tracking } else { Score::ForwardReward },
+            compared_by: first.evaluation.score(),
             resamples: RESAMPLES,
             confidence: CONFIDENCE,
             intervals_cover: coverage(runs.len(), others.len()),

@@ -3,8 +3,10 @@
 mod bootstrap;
 mod comparison;
 mod conditions;
+mod score;
 mod tables;
 mod text;
+mod velocities;
 
 use dappo_sim::DamageClass;
 
@@ -15,12 +17,12 @@ use crate::statistics::{mean, standard_error};
 use crate::walk::{Agent, Encoding, Episode, KnownClasses, MeanActions, Trial};
 
 pub use bootstrap::{Estimate, Gain};
-pub use comparison::{
-    ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Score, Side,
-};
+pub use comparison::{ClassComparison, Comparison, ComparisonSummary, RunEvaluation, RunSummary, Side};
 pub use conditions::{Conditions, check_seeds};
-pub use tables::{ALL, ClassResult, Evaluation, GroupResult, MeanVelocities};
+pub use score::Score;
+pub use tables::{ALL, ClassResult, Evaluation, GroupResult};
 pub use text::seeds_text;
+pub use velocities::MeanVelocities;
 
 /// Runs the episodes of every damage class, as many as the section `[evaluation]` sets, all at once.
 ///
@@ -44,27 +46,27 @@ pub fn evaluate(
     let Some(walks) = trial.run(&mut agent, config, factory, stop)? else { return Ok(None) };
     let episodes = walks.episodes.chunks_exact(trial.episodes);
     let period = factory.control_period();
-    let commanded = factory
-        .robot()
-        .commands
-        .velocity
-        .map(|_| config.env.max_episode_steps.unwrap_or(factory.robot().max_episode_steps));
+    let steps = (Score::of(factory.robot()) == Score::Tracking).then(|| factory.max_episode_steps(config));
     let results = space.classes().iter().zip(episodes);
-    let results = results.map(|(class, episodes)| summarize(class, episodes, period, commanded));
+    let results = results.map(|(class, episodes)| summarize(class, episodes, period, steps));
     let simulator = factory.simulator(factory.evaluation_physics());
     Ok(Some(Evaluation::new(encoding, simulator, results.collect())))
 }
 
-/// The result of a class from its episodes; `control_period` is the length of a step, s, and `commanded` the number of
-/// steps of an episode without a failure for a task with commands.
+/// The result of a class from its episodes; `control_period` is the length of a step, s, and `commanded_steps` the
+/// number of steps of an episode without a failure for a task with commands.
 fn summarize(
     class: &DamageClass,
     episodes: &[Episode],
     control_period: f64,
-    commanded: Option<usize>,
+    commanded_steps: Option<usize>,
 ) -> ClassResult {
     let forward: Vec<f64> = episodes.iter().map(|episode| episode.forward_reward).collect();
     let forward_reward = mean(forward.iter().copied());
+    let of_episode = |steps| {
+        episodes.iter().map(|episode| Score::Tracking.of_episode(episode, steps)).collect::<Vec<f64>>()
+    };
+    let trackings = commanded_steps.map(of_episode);
     let steps: usize = episodes.iter().map(|episode| episode.steps).sum();
     ClassResult {
         class: class.id,
@@ -75,8 +77,8 @@ fn summarize(
         standard_error: standard_error(&forward),
         forward_velocity: forward.iter().sum::<f64>() / steps as f64,
         distance: forward_reward * control_period,
-        // What an episode misses by its failure is not tracked.
-        tracking: commanded.map(|steps| mean(episodes.iter().map(|episode| episode.tracking / steps as f64))),
+        tracking: trackings.as_ref().map(|shares| mean(shares.iter().copied())),
+        tracking_standard_error: trackings.as_deref().map(standard_error),
         episode_return: mean(episodes.iter().map(|episode| episode.episode_return)),
         episode_length: mean(episodes.iter().map(|episode| episode.steps as f64)),
         falls: episodes.iter().filter(|episode| episode.fell).count(),

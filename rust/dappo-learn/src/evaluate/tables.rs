@@ -1,13 +1,12 @@
 //! The tables of an evaluation: one row a damage class, and one row a group of classes.
 
-use std::path::PathBuf;
+use serde::Serialize;
 
-use serde::{Deserialize, Serialize};
-
+use super::score::Score;
 use crate::csv_table::{number, table};
-use crate::error::{LearnError, Result};
+use crate::error::Result;
 use crate::metrics::EvaluationMeans;
-use crate::run_folder::{EvaluationFolder, RunFolder};
+use crate::run_folder::EvaluationFolder;
 use crate::simulator::Simulator;
 use crate::statistics::mean;
 use crate::walk::Encoding;
@@ -34,6 +33,8 @@ pub struct ClassResult {
     /// Mean over episodes of how well commanded velocities were tracked, from 0 to 1: the mean of the term
     /// `track_lin_vel` over the steps of an episode, 0 after a failure. `None` for a task without commands.
     pub tracking: Option<f64>,
+    /// Standard error of that mean; NaN for a single episode.
+    pub tracking_standard_error: Option<f64>,
     /// Mean of Σ reward.
     pub episode_return: f64,
     /// Mean number of steps.
@@ -72,6 +73,8 @@ pub struct GroupResult {
     pub distance: f64,
     /// Mean of the classes' tracking; `None` for a task without commands.
     pub tracking: Option<f64>,
+    /// Standard error of that mean over episodes, as that of the forward reward.
+    pub tracking_standard_error: Option<f64>,
     /// Episodes that ended in failure.
     pub falls: usize,
     /// Episodes among them that ended because the physics diverged.
@@ -117,6 +120,12 @@ impl Evaluation {
         &self.groups[self.groups.len() - 1]
     }
 
+    /// What policies are compared by.
+    #[must_use]
+    pub fn score(&self) -> Score {
+        if self.is_commanded() { Score::Tracking } else { Score::ForwardReward }
+    }
+
     /// Whether the task has commands.
     #[must_use]
     pub fn is_commanded(&self) -> bool {
@@ -153,7 +162,7 @@ impl Evaluation {
                 "falls",
                 "diverged",
             ],
-            tracking_column(self.is_commanded()),
+            tracking_columns(self.is_commanded()),
             &Simulator::COLUMNS[..],
         ]
         .concat();
@@ -172,7 +181,11 @@ impl Evaluation {
                 c.falls.to_string(),
                 c.diverged.to_string(),
             ];
-            cells.into_iter().chain(tracking_cell(c.tracking)).chain(self.simulator.cells()).collect()
+            cells
+                .into_iter()
+                .chain(tracking_cells(c.tracking, c.tracking_standard_error))
+                .chain(self.simulator.cells())
+                .collect()
         };
         table(&columns, self.classes.iter().map(row))
     }
@@ -192,7 +205,7 @@ impl Evaluation {
                 "falls",
                 "diverged",
             ],
-            tracking_column(self.is_commanded()),
+            tracking_columns(self.is_commanded()),
             &Simulator::COLUMNS[..],
         ]
         .concat();
@@ -208,7 +221,11 @@ impl Evaluation {
                 g.falls.to_string(),
                 g.diverged.to_string(),
             ];
-            cells.into_iter().chain(tracking_cell(g.tracking)).chain(self.simulator.cells()).collect()
+            cells
+                .into_iter()
+                .chain(tracking_cells(g.tracking, g.tracking_standard_error))
+                .chain(self.simulator.cells())
+                .collect()
         };
         table(&columns, self.groups.iter().map(row))
     }
@@ -220,68 +237,19 @@ impl From<&Evaluation> for EvaluationMeans {
         Self {
             evaluation_forward_reward: Some(all.forward_reward),
             evaluation_forward_velocity: Some(all.forward_velocity),
+            evaluation_tracking: all.tracking,
             evaluation_fall_rate: Some(all.falls as f64 / all.episodes as f64),
         }
     }
 }
 
-/// Mean forward velocities of a policy with the true damage code, as the evaluation of its run found them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeanVelocities {
-    /// The file that they are from.
-    path: PathBuf,
-    classes: Vec<MeanVelocity>,
+/// The columns of the tracking, which only tasks with commands have.
+fn tracking_columns(is_commanded: bool) -> &'static [&'static str] {
+    if is_commanded { &["tracking", "tracking_standard_error"] } else { &[] }
 }
 
-/// The entries that are read of a [`ClassResult`].
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-struct MeanVelocity {
-    name: String,
-    forward_velocity: f64,
-}
-
-/// The entries that are read of an [`Evaluation`].
-#[derive(Deserialize)]
-struct StoredEvaluation {
-    classes: Vec<MeanVelocity>,
-}
-
-impl MeanVelocities {
-    /// Reads those of a run; `None` if its policy has not been evaluated.
-    pub fn read(run: &RunFolder) -> Result<Option<Self>> {
-        let (folder, name) = (run.evaluation(), Encoding::True.file_name("evaluation", "json"));
-        let Some(text) = folder.read(&name)? else { return Ok(None) };
-        Self::parse(&text, folder.path(&name)).map(Some)
-    }
-
-    /// Those of the damage classes of a robot, m/s, in their order; fails if the evaluation has others.
-    pub fn of(self, class_names: &[String]) -> Result<Vec<f64>> {
-        if self.classes.iter().map(|class| &class.name).eq(class_names) {
-            return Ok(self.classes.iter().map(|class| class.forward_velocity).collect());
-        }
-        Err(LearnError::Invalid(format!(
-            "{} has {} damage classes, expected the {} of the robot in their order; evaluate the run again",
-            self.path.display(),
-            self.classes.len(),
-            class_names.len()
-        )))
-    }
-
-    fn parse(text: &str, path: PathBuf) -> Result<Self> {
-        let StoredEvaluation { classes } = serde_json::from_str(text).map_err(|error| {
-            LearnError::Invalid(format!("{}: {error}; evaluate the run again", path.display()))
-        })?;
-        Ok(Self { path, classes })
-    }
-}
-
-/// The column of the tracking, which only tasks with commands have.
-fn tracking_column(is_commanded: bool) -> &'static [&'static str] {
-    if is_commanded { &["tracking"] } else { &[] }
-}
-
-fn tracking_cell(tracking: Option<f64>) -> Option<String> {
-    tracking.map(|share| format!("{share:.4}"))
+fn tracking_cells(tracking: Option<f64>, standard_error: Option<f64>) -> impl Iterator<Item = String> {
+    [tracking, standard_error].into_iter().flatten().map(|share| number(share, 4))
 }
 
 fn groups(classes: &[ClassResult]) -> Vec<GroupResult> {
@@ -298,20 +266,21 @@ fn groups(classes: &[ClassResult]) -> Vec<GroupResult> {
 }
 
 fn group(name: &str, classes: &[&ClassResult]) -> GroupResult {
-    let variance: f64 = classes.iter().map(|class| class.standard_error.powi(2)).sum();
+    // Of the mean of independent means.
+    let error = |of: Vec<f64>| of.iter().map(|error| error.powi(2)).sum::<f64>().sqrt() / of.len() as f64;
+    let tracked = |of: fn(&ClassResult) -> Option<f64>| {
+        classes.iter().map(|class| of(class)).collect::<Option<Vec<f64>>>()
+    };
     GroupResult {
         group: name.to_owned(),
         classes: classes.len(),
         episodes: classes.iter().map(|class| class.episodes).sum(),
         forward_reward: mean(classes.iter().map(|class| class.forward_reward)),
-        standard_error: variance.sqrt() / classes.len() as f64,
+        standard_error: error(classes.iter().map(|class| class.standard_error).collect()),
         forward_velocity: mean(classes.iter().map(|class| class.forward_velocity)),
         distance: mean(classes.iter().map(|class| class.distance)),
-        tracking: classes
-            .iter()
-            .map(|class| class.tracking)
-            .collect::<Option<Vec<f64>>>()
-            .map(|shares| mean(shares.into_iter())),
+        tracking: tracked(|class| class.tracking).map(|shares| mean(shares.into_iter())),
+        tracking_standard_error: tracked(|class| class.tracking_standard_error).map(error),
         falls: classes.iter().map(|class| class.falls).sum(),
         diverged: classes.iter().map(|class| class.diverged).sum(),
     }
@@ -339,6 +308,7 @@ pub(super) mod tests {
             forward_velocity: forward_reward / 16.0,
             distance: forward_reward / 8.0,
             tracking: None,
+            tracking_standard_error: None,
             episode_return: 0.5,
             episode_length: 20.0,
             falls: class,
@@ -346,7 +316,7 @@ pub(super) mod tests {
         }
     }
 
-    fn evaluation(errors: [f64; 4]) -> Evaluation {
+    pub fn evaluation(errors: [f64; 4]) -> Evaluation {
         let [healthy, first, second, pair] = errors;
         let classes = vec![
             class(0, "none", 10.0, healthy),
@@ -355,26 +325,6 @@ pub(super) mod tests {
             class(3, "D1_1 A", -1.0, pair),
         ];
         Evaluation::new(Encoding::True, simulator(), classes)
-    }
-
-    #[test]
-    fn velocities_read_back_from_an_evaluation_and_other_files_are_rejected() {
-        let stored = serde_json::to_string(&evaluation([f64::NAN; 4])).unwrap();
-        let names: Vec<String> = (0..4).map(|class| format!("class {class}")).collect();
-        let of = |text: &str, names: &[String]| {
-            MeanVelocities::parse(text, "evaluation.json".into()).and_then(|found| found.of(names))
-        };
-        // Forward rewards of 10, 4, 7 and -1, sixteen times as large.
-        assert_eq!(of(&stored, &names).unwrap(), [0.625, 0.25, 0.4375, -0.0625]);
-        let refuse = |text: &str, names: &[String]| of(text, names).unwrap_err().to_string();
-        assert!(
-            refuse(&stored, &names[..3]).contains("evaluation.json has 4 damage classes, expected the 3")
-        );
-        let other = stored.replace("forward_velocity", "velocity");
-        assert!(refuse(&other, &names).contains("missing field `forward_velocity`"));
-        // JSON has no NaN, so that a velocity that was none is no number.
-        assert!(refuse(&stored.replace("0.625", "null"), &names).contains("evaluate the run again"));
-        assert!(refuse("", &names).contains("evaluation.json: "));
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct EvaluationMeans {
     pub evaluation_forward_reward: Option<f64>,
     /// Forward velocity, m/s.
     pub evaluation_forward_velocity: Option<f64>,
+    /// Tracking; `None` for a task without commands, too.
+    pub evaluation_tracking: Option<f64>,
     /// Share of the episodes that ended in failure.
     pub evaluation_fall_rate: Option<f64>,
 }
@@ -42,6 +44,9 @@ pub struct Metrics {
     /// `reward_NAME`; `warp` does not report them.
     #[serde(flatten)]
     pub reward_terms: BTreeMap<String, f64>,
+    /// Mean over the env steps of this iteration of how well commanded velocities were tracked, from 0 to 1; `None`
+    /// for a task without commands.
+    pub tracking: Option<f64>,
     /// How often the physics of an env diverged in this iteration; such episodes are among the falls.
     pub diverged: u64,
     /// The evaluation after this iteration, see `evaluation.every`.

@@ -23,8 +23,8 @@ use dappo_sim::rng::{Purpose, Stream};
 pub use config::{PpoConfig, Schedule};
 pub use loss::{Adaptation, PpoLosses};
 
-use crate::envs::Sizes;
 use crate::error::Result;
+use crate::sizes::Sizes;
 use batch::ValueBatch;
 
 /// Adam's guard against division by zero, as common in PPO (Andrychowicz et al., 2021).

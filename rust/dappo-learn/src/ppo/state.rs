@@ -22,10 +22,10 @@ use serde::{Deserialize, Serialize};
 use super::batch::ValueBatch;
 use super::loss::Adaptation;
 use super::{Ppo, PpoConfig, optimizer, trainable};
-use crate::envs::Sizes;
 use crate::error::Result;
 use crate::files::{Files, TEXT_BYTES, write_new};
 use crate::records::{load_module, load_optimizer, read_numbers, save_module, save_optimizer, unreadable};
+use crate::sizes::Sizes;
 
 const FORMAT: u32 = 1;
 const LEARNER: &str = "learner.toml";

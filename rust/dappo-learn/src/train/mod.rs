@@ -119,12 +119,14 @@ fn iterate(session: &mut Session, config: &Config, factory: &dyn EnvFactory) -> 
 
     session.progress.iteration += 1;
     session.progress.env_steps += rollout.len() as u64;
+    let reward_terms = session.reward_terms();
     Ok(Metrics {
         iteration: session.progress.iteration,
         env_steps: session.progress.env_steps,
         stage: config.curriculum[session.progress.stage].name.clone(),
         episodes: session.episodes.summarize(),
-        reward_terms: session.reward_terms(),
+        tracking: session.tracking(&reward_terms),
+        reward_terms,
         diverged: session.diverged(),
         evaluation: EvaluationMeans::default(),
         simulator: factory.simulator(factory.training_physics()),

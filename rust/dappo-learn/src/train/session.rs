@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
 use crate::engine::RolloutEngine;
-use crate::envs::{EnvFactory, Sizes};
+use crate::envs::EnvFactory;
 use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::evaluate::{Evaluation, evaluate};
 use crate::ppo::Ppo;
 use crate::rollout::Rollout;
 use crate::run_folder::{LockedRun, RunFolder};
+use crate::sizes::Sizes;
 use crate::walk::Encoding;
 
 pub(super) struct Session {
@@ -24,6 +25,8 @@ pub(super) struct Session {
     robot: String,
     /// Names of the terms of the reward.
     reward_terms: Vec<String>,
+    /// The metric of the term that rewards tracking of commanded velocities, and its weight, if there is one.
+    tracking: Option<(String, f64)>,
     keep: usize,
     /// Divergences of the physics that have been reported.
     diverged: u64,
@@ -35,6 +38,8 @@ impl Session {
         let sizes = factory.sizes(config)?;
         let num_envs = config.env.num_envs;
         let device = config.ppo.device.open()?;
+        let reward = factory.robot().reward(config.env.reward.as_deref())?;
+        let metric = |name: &str| format!("reward_{name}");
         Ok(Self {
             engine: factory.engine(config)?,
             ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?,
@@ -43,13 +48,8 @@ impl Session {
             sizes,
             num_envs,
             robot: factory.robot().name.clone(),
-            reward_terms: factory
-                .robot()
-                .reward(config.env.reward.as_deref())?
-                .terms
-                .iter()
-                .map(|term| format!("reward_{}", term.name))
-                .collect(),
+            reward_terms: reward.terms.iter().map(|term| metric(&term.name)).collect(),
+            tracking: reward.tracking().map(|(_, term)| (metric(&term.name), term.weight)),
             keep: config.checkpoint.keep,
             diverged: 0,
         })
@@ -87,6 +87,12 @@ impl Session {
     /// The mean of each term of the reward since the last call.
     pub fn reward_terms(&mut self) -> BTreeMap<String, f64> {
         self.reward_terms.iter().cloned().zip(self.episodes.mean_reward_terms()).collect()
+    }
+
+    /// How well commanded velocities were tracked, from 0 to 1, from the means of the terms of the reward.
+    pub fn tracking(&self, reward_terms: &BTreeMap<String, f64>) -> Option<f64> {
+        let (metric, weight) = self.tracking.as_ref()?;
+        reward_terms.get(metric).map(|mean| mean / weight)
     }
 
     /// How often the physics of an env has diverged since the last call.

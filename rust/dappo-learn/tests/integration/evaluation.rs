@@ -4,8 +4,9 @@ use std::cell::RefCell;
 
 use crate::counter::{CODE, Counter, ROBOT, ROW};
 use crate::run_folder::{create, scratch};
+use dappo_learn::Sizes;
 use dappo_learn::config::Config;
-use dappo_learn::envs::{EnvFactory, Sizes};
+use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Encoding, MeanActions};

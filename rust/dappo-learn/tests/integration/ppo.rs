@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use burn::tensor::Device;
-use dappo_learn::envs::Sizes;
+use dappo_learn::Sizes;
 use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, Schedule, gae};
 use dappo_nn::Gradients;
 use dappo_sim::rng::{Purpose, Stream};

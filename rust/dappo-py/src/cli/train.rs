@@ -160,8 +160,6 @@ struct Display<'a> {
     watch: &'a Watch<'a>,
     iterations: u64,
     steps_an_iteration: u64,
-    /// The metric that tells how well commanded velocities are tracked, and its weight in the reward, if there is one.
-    tracking: Option<(String, f64)>,
     /// Duration of an env step, s.
     control_period: f64,
     last_walked: String,
@@ -172,14 +170,11 @@ impl<'a> Display<'a> {
     fn new(config: &Config, factory: &TableFactory, watch: &'a Watch<'a>) -> Self {
         let steps_an_iteration = (config.env.num_envs * config.horizon) as u64;
         let iterations = config.total_steps.div_ceil(steps_an_iteration);
-        let reward = factory.robot().reward(config.env.reward.as_deref()).ok();
-        let tracking = reward.and_then(|reward| reward.tracking());
         Self {
             watch,
             iterations,
             steps_an_iteration,
             control_period: factory.control_period(),
-            tracking: tracking.map(|(_, term)| (format!("reward_{}", term.name), term.weight)),
             last_walked: "no episode has ended".to_owned(),
             diverged: 0,
         }
@@ -193,8 +188,7 @@ impl Observer for Display<'_> {
             return;
         }
         let EpisodeSummary { forward_reward, episode_length, .. } = metrics.episodes;
-        if let Some((metric, weight)) = &self.tracking {
-            let share = metrics.reward_terms.get(metric).map_or(0.0, |term| term / weight);
+        if let Some(share) = metrics.tracking {
             self.last_walked = format!("tracking {share:.2}");
         } else if let Some((reward, length)) = forward_reward.zip(episode_length) {
             let (velocity, distance) = (reward / length, reward * self.control_period);

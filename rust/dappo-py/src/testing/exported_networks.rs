@@ -8,8 +8,8 @@ use dappo_nn::Policy;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::arguments::not_contiguous;
 use crate::pool::Pool;
-use crate::vector_env::not_contiguous;
 
 /// The networks of an export folder as this program computes them.
 #[pyclass(name = "ExportedNetworks", module = "dappo_batch._core")]

@@ -7,9 +7,9 @@ use dappo_sim::simd::{self, Simd};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::arguments::not_contiguous;
 use crate::class_table::ClassTable;
 use crate::errors::{Kind, OrRaise, raise};
-use crate::vector_env::not_contiguous;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Forces<'py> = Bound<'py, PyArray3<f64>>;

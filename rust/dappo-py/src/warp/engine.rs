@@ -1,8 +1,8 @@
 //! Whole rollouts on the device: policy, physics, ends and resets in one captured graph, one call a rollout.
 
+use dappo_learn::Sizes;
 use dappo_learn::config::Config;
 use dappo_learn::engine::RolloutEngine;
-use dappo_learn::envs::Sizes;
 use dappo_learn::episodes::EpisodeTracker;
 use dappo_learn::{LearnError, Result, Rollout};
 use dappo_nn::FrozenActorCritic;

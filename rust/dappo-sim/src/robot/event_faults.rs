@@ -3,7 +3,7 @@
 use toml::Table;
 
 use super::entries::Entries;
-use super::task_faults::LONGEST;
+use super::limits::LONGEST;
 
 const KINDS: [&str; 3] = ["stuck", "biased", "lost"];
 /// Terms of the observation that the IMU reads.

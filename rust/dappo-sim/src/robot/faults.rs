@@ -8,7 +8,8 @@ use std::ops::RangeInclusive;
 
 use toml::{Table, Value};
 
-use super::entries::{Entries, number, shown};
+use super::entries::{Entries, shown};
+use super::limits::{LARGEST, check_height};
 use super::simplify::{check_overrides, check_simplify};
 use super::task_faults::{
     check_actions, check_commands, check_curriculum, check_events, check_observation, check_reward_term,
@@ -19,9 +20,6 @@ use super::task_faults::{
 const FRAME_SKIP: RangeInclusive<i64> = 1..=1000;
 /// Time limit in steps.
 const EPISODE_STEPS: RangeInclusive<i64> = 1..=1_000_000_000;
-/// Weights, clips and scales up to here keep every reward and observation finite in single precision: at worst a
-/// weight times the fourth power of a clip times the number of bodies.
-pub(super) const LARGEST: f64 = 1e6;
 /// Noise of the start state: positions are m or rad, velocities m/s or rad/s.
 const QPOS_NOISE: RangeInclusive<f64> = 0.0..=10.0;
 const QVEL_NOISE: RangeInclusive<f64> = 0.0..=100.0;
@@ -199,19 +197,6 @@ fn check_damage(damage: &Table, limbs: usize, found: &mut Vec<String>) {
                 shown(value)
             ));
         }
-    }
-}
-
-pub(super) fn check_height(entries: &mut Entries) {
-    let Some(range) = entries.list("height") else { return };
-    let numbers: Vec<f64> = range.iter().filter_map(number).collect();
-    let is_range = matches!(numbers[..], [low, high] if range.len() == 2 && low < high);
-    if !is_range {
-        let shown: Vec<String> = range.iter().take(4).map(shown).collect();
-        entries.fault(&format!(
-            "`height` is [{}], expected [low, high], two numbers in m with low < high",
-            shown.join(", ")
-        ));
     }
 }
 

@@ -4,7 +4,7 @@
 use toml::{Table, Value};
 
 use super::entries::{Entries, shown};
-use super::faults::LARGEST;
+use super::limits::LARGEST;
 
 const CONDIM: [i64; 4] = [1, 3, 4, 6];
 /// Longest physics step, s: that of an env step.

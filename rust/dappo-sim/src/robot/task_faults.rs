@@ -6,10 +6,8 @@ use toml::{Table, Value};
 
 use super::entries::{Entries, shown};
 use super::event_faults;
-use super::faults::LARGEST;
+use super::limits::{LARGEST, LONGEST, check_height};
 
-/// Longest time between two commands or pushes, s.
-pub(super) const LONGEST: f64 = 1e6;
 /// Most steps of a delay or a history.
 const MOST_STEPS: i64 = 1000;
 
@@ -267,7 +265,7 @@ pub(super) fn check_actions(actions: &Table, found: &mut Vec<String>) {
 pub(super) fn check_terminations(terminations: &Table, found: &mut Vec<String>) {
     let mut entries = Entries::new(terminations, "[terminations]".into(), found);
     if terminations.contains_key("height") {
-        super::faults::check_height(&mut entries);
+        check_height(&mut entries);
     }
     let (tilt, contact) = (entries.optional_table("tilt"), entries.optional_table("contact"));
     let python = entries.optional_table("python");

@@ -2,6 +2,7 @@
 
 use serde::Deserialize;
 
+use super::draws::within;
 use crate::rng::Stream;
 
 /// The section `[commands]`.
@@ -58,10 +59,10 @@ pub(super) const COMMAND: usize = 3;
 impl VelocityCommand {
     /// Draws a command whose ranges are multiplied by `share`, and its duration, s.
     pub(super) fn draw(&self, stream: &mut Stream, share: f64) -> ([f64; COMMAND], f64) {
-        let mut within = |[low, high]: [f64; 2]| low + (high - low) * stream.uniform();
-        let duration = within(self.resample_every);
-        let stands = within([0.0, 1.0]) < self.standing;
-        let command = [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z].map(|range| share * within(range));
+        let duration = within(stream, self.resample_every);
+        let stands = within(stream, [0.0, 1.0]) < self.standing;
+        let command =
+            [self.lin_vel_x, self.lin_vel_y, self.ang_vel_z].map(|range| share * within(stream, range));
         (if stands { [0.0; COMMAND] } else { command }, duration)
     }
 }

@@ -1,7 +1,7 @@
 //! From actions to controls.
 
 use super::Task;
-use super::events::{self, steps};
+use super::draws::{steps, within};
 use super::memory::Clock;
 use crate::rng::Purpose;
 
@@ -16,7 +16,7 @@ impl Task {
             return None;
         }
         let mut stream = clock.stream(Purpose::Push);
-        *at += steps(events::within(&mut stream, push.every), self.dt()) as f64;
+        *at += steps(within(&mut stream, push.every), self.dt()) as f64;
         Some(push.draw(&mut stream))
     }
 

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Deserialize;
 
-use super::events::{steps, within};
+use super::draws::{steps, within};
 use super::memory::{Clock, Slots};
 use crate::rng::{Purpose, Stream};
 

@@ -5,6 +5,7 @@
 
 use serde::Deserialize;
 
+use super::draws::{steps, within};
 use super::dropout::ActionDropout;
 use super::faults::{EncoderFault, ImuFault};
 use super::memory::Slots;
@@ -309,14 +310,4 @@ impl Push {
         let [x, y] = [change(self.lin_vel), change(self.lin_vel)];
         [x, y, 0.0, change(self.ang_vel), change(self.ang_vel), change(self.ang_vel)]
     }
-}
-
-/// Uniform in a range.
-pub(super) fn within(stream: &mut Stream, [low, high]: [f64; 2]) -> f64 {
-    low + (high - low) * stream.uniform()
-}
-
-/// A time in env steps, at least 1.
-pub(super) fn steps(time: f64, dt: f64) -> u64 {
-    (time / dt).round().max(1.0) as u64
 }

@@ -10,7 +10,8 @@ use std::ops::Range;
 use serde::Deserialize;
 
 use super::anatomy::Anatomy;
-use super::events::{Events, steps, within};
+use super::draws::{steps, within};
+use super::events::Events;
 use super::memory::Slots;
 use super::{ObservationTerm, Quantity};
 use crate::rng::Stream;
