@@ -97,11 +97,11 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
             (
                 KNEE,
                 KNEE
-                + '<body name="claw"><joint axis="0 1 0"/><geom size="0.02 0.02"/>'
-                + '<body name="tip"><joint axis="0 1 0"/><geom size="0.02 0.02"/></body></body>',
+                + '<body><joint axis="0 1 0"/><geom size="0.02 0.02"/>' * 6
+                + "</body>" * 6,
             ),
         ),
-        "3 limbs of up to 4 joints",
+        "3 limbs of up to 8 joints",
     ),
     "body next to the robot": (
         ((WORLD, f'<body name="door"><joint/><geom type="sphere" size="0.1"/></body>{WORLD}'),),
