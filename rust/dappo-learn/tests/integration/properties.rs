@@ -108,7 +108,7 @@ proptest! {
         std::fs::write(&path, &changed).unwrap();
         if let Ok(other) = EnvState::load(folder.as_path()) {
             let backend = &other.envs.backend;
-            let numbers = backend.rows.len() + 12 * backend.classes.len();
+            let numbers = backend.rows.len() + 13 * backend.classes.len();
             // The description of the arrays is behind its length.
             let begin = 8 + u64::from_le_bytes(*changed.first_chunk().unwrap()) as usize;
             prop_assert_eq!(begin + 8 * numbers + 4 * other.envs.obs.len(), changed.len());
