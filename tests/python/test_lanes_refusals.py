@@ -96,9 +96,7 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
         (
             (
                 KNEE,
-                KNEE
-                + '<body><joint axis="0 1 0"/><geom size="0.02 0.02"/>' * 6
-                + "</body>" * 6,
+                KNEE + '<body><joint axis="0 1 0"/><geom size="0.02 0.02"/>' * 6 + "</body>" * 6,
             ),
         ),
         "3 limbs of up to 8 joints",
