@@ -108,7 +108,7 @@ def test_who_asks_for_what_only_the_cpu_has_gets_the_cpu(
 
 
 def test_unknown_devices_are_rejected_with_the_known_ones(ant_table: ClassTable) -> None:
-    expected = "device must be one of 'auto', 'cpu', 'cuda', 'warp-cpu', got 'tpu'"
+    expected = "device must be one of 'auto', 'cpu', 'gpu', 'cuda', 'warp-cpu', got 'tpu'"
     with pytest.raises(ConfigError, match=expected):
         dappo_batch.make_vec(ant_table, device="tpu")
 

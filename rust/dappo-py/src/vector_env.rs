@@ -166,8 +166,8 @@ impl PyVectorEnv {
             nv: table.layout.nv,
             backend_note: match (physics, lanes) {
                 (Physics::Mujoco, Err(note)) => note,
-                (Physics::Lanes(_), Ok(table)) => table.notes().join("; "),
-                (Physics::Lanes(_) | Physics::Mujoco | Physics::Warp(_), _) => String::new(),
+                (Physics::Lanes(_) | Physics::Gpu(_), Ok(table)) => table.notes().join("; "),
+                _ => String::new(),
             },
             device: physics.device(),
         })
