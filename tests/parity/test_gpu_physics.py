@@ -1,7 +1,7 @@
 """The GPU engine compared with MuJoCo, state by state, with every damage class.
 
-Software Vulkan (Debian: `mesa-vulkan-drivers libvulkan1`) is a device for these tests; a build without the feature
-`gpu` and a machine without any device skip them.
+Software Vulkan (Debian: `mesa-vulkan-drivers libvulkan1`) is a device for these tests. They are skipped in a
+build without the feature `gpu`, and where there is no device at all.
 """
 
 from __future__ import annotations

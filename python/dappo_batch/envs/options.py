@@ -116,10 +116,10 @@ class VectorEnvOptions(EnvOptions, total=False):
         `set_state`, which overwrites it without the GIL: other threads must not read it meanwhile. True by
         default.
     device : {"cpu", "gpu", "cuda", "auto", "warp-cpu"}
-        Device of the physics; ``"cpu"`` by default. ``"gpu"`` is a GPU of any maker, with the backend
-        ``"gpu"``; it needs a build with that feature and a robot that the lane engine supports. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single
-        precision; it needs the extra ``gpu``. ``"auto"`` is ``"cuda"`` if available; ``"warp-cpu"`` runs the
-        same kernels on the CPU, slowly.
+        Device of the physics; ``"cpu"`` by default. ``"gpu"`` is the backend ``"gpu"`` on a GPU of any
+        maker; it needs a build with that feature and a robot that the lane engine supports. ``"cuda"`` is the
+        backend ``"warp"`` on a GPU, in single precision; it needs the extra ``gpu``. ``"auto"`` is ``"cuda"``
+        if available; ``"warp-cpu"`` runs the kernels of ``"cuda"`` on the CPU, slowly.
     njmax, nconmax : int
         On a GPU, buffer sizes: constraints of each env, and contacts as an average over the envs; by default
         the most that a limbed robot on a floor can need.

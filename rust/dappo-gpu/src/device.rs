@@ -26,16 +26,25 @@ pub struct Device {
 }
 
 impl Device {
-    /// The device of this machine: discrete GPUs before integrated ones, software only if it is allowed.
+    /// The device of this machine: discrete GPUs before integrated ones, software only if [`ALLOW_SOFTWARE`] is set.
     ///
     /// # Errors
     /// If there is none.
     pub fn find() -> Result<Self, Error> {
+        Self::allowing(
+            std::env::var_os(ALLOW_SOFTWARE).is_some_and(|value| !value.is_empty() && value != "0"),
+        )
+    }
+
+    /// The same, with software allowed or not whatever the environment.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn allowing(software: bool) -> Result<Self, Error> {
         // Asking the drivers takes a while, and their answer stays the same.
         static BEST: OnceLock<Option<Device>> = OnceLock::new();
-        let allowed = std::env::var_os(ALLOW_SOFTWARE).is_some_and(|value| !value.is_empty() && value != "0");
         match BEST.get_or_init(best) {
-            Some(device) if allowed || !device.software => Ok(device.clone()),
+            Some(device) if software || !device.software => Ok(device.clone()),
             Some(_) => unsupported(&format!(
                 "the only device that Vulkan finds is a processor that imitates a GPU; {ALLOW_SOFTWARE}=1 allows it, \
                  for tests"
@@ -69,10 +78,11 @@ fn best() -> Option<Device> {
     ]
     .into_iter()
     .find_map(|kind| {
+        let software = kind == WgpuDeviceKind::Cpu;
         // Where Vulkan is the API, no other is asked.
         let vulkan = cfg!(not(any(target_vendor = "apple", windows)));
         let device = if vulkan { cubecl::Device::vulkan(kind) } else { cubecl::Device::wgpu(kind) };
-        Some(Device { device: device.ok()?, software: kind == WgpuDeviceKind::Cpu })
+        Some(Device { device: device.ok()?, software })
     })
 }
 

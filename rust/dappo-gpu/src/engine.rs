@@ -67,6 +67,15 @@ impl Number for f64 {
     }
 }
 
+/// What is computed.
+#[derive(Clone, Copy)]
+enum Run {
+    /// The forces in the present states.
+    Forward,
+    /// Substeps.
+    Step(u32),
+}
+
 impl Engine {
     /// An engine for `num_worlds` robots, given by the models of all damage classes.
     ///
@@ -113,9 +122,7 @@ impl Engine {
     /// # Errors
     /// If the device fails.
     pub fn forward(&self, groups: &mut [(&mut Group, u32)]) -> Result<(), Error> {
-        let shape = &self.robot.skeleton.shape;
-        let (guess, bodies) = (shape.guess(), shape.body_readings());
-        self.run(groups, 1, 1, |world, state, readings| world.show(&state, &readings, guess, bodies))
+        self.run(groups, Run::Forward)
     }
 
     /// Advances the worlds of each group's mask by a number of substeps; the others stay as they are.
@@ -123,16 +130,10 @@ impl Engine {
     /// # Errors
     /// If the device fails.
     pub fn step(&self, groups: &mut [(&mut Group, u32)], substeps: usize) -> Result<(), Error> {
-        self.run(groups, substeps as u32, STAGES, World::advance)
+        self.run(groups, Run::Step(substeps as u32))
     }
 
-    fn run(
-        &self,
-        groups: &mut [(&mut Group, u32)],
-        substeps: u32,
-        stages: u32,
-        take: impl Fn(&mut World, Vec<f64>, Vec<f64>),
-    ) -> Result<(), Error> {
+    fn run(&self, groups: &mut [(&mut Group, u32)], run: Run) -> Result<(), Error> {
         if self.process != std::process::id() {
             return Err(Error::Device(
                 "the device was opened before this process was forked, and a GPU cannot be used on both sides of a \
@@ -149,27 +150,29 @@ impl Engine {
             })
             .collect();
         match self.precision {
-            Precision::F32 => self.launch_all::<f32>(&mut worlds, substeps, stages, take),
-            Precision::F64 => self.launch_all::<f64>(&mut worlds, substeps, stages, take),
+            Precision::F32 => self.launch_all::<f32>(&mut worlds, run),
+            Precision::F64 => self.launch_all::<f64>(&mut worlds, run),
         }
     }
 
-    fn launch_all<F: Number>(
-        &self,
-        worlds: &mut [&mut World],
-        substeps: u32,
-        stages: u32,
-        take: impl Fn(&mut World, Vec<f64>, Vec<f64>),
-    ) -> Result<(), Error> {
+    fn launch_all<F: Number>(&self, worlds: &mut [&mut World], run: Run) -> Result<(), Error> {
         self.vary::<F>(worlds);
         let shape = &self.robot.skeleton.shape;
         for worlds in worlds.chunks_mut(MAX_CUBES * THREADS / shape.lanes) {
-            let (states, readings) = self.launch::<F>(worlds, substeps, stages)?;
-            let numbers = |row: &[F]| row.iter().map(|number| number.to()).collect();
+            let (states, readings) = self.launch::<F>(worlds, run)?;
             let states = F::from_bytes(&states).chunks_exact(shape.state());
             let readings = F::from_bytes(&readings).chunks_exact(shape.readings());
             for ((world, state), readings) in worlds.iter_mut().zip(states).zip(readings) {
-                take(world, numbers(state), numbers(readings));
+                // Of an evaluation, accelerations and the forces of contacts.
+                let (own, shown) = match run {
+                    Run::Forward => (shape.guess(), shape.body_readings()),
+                    Run::Step(_) => (0, 0),
+                };
+                take_over(&mut world.state[own..], &state[own..]);
+                take_over(&mut world.readings[shown..], &readings[shown..]);
+                if let Run::Step(_) = run {
+                    world.set_origin();
+                }
             }
         }
         Ok(())
@@ -186,41 +189,46 @@ impl Engine {
         let mut table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
         if table.rows == self.robot.classes {
             table.rows += self.num_worlds;
-            let mut all = self.classes.clone();
-            all.resize(table.rows * length, 0.0);
-            table.handle = upload::<F>(&self.client, &all);
+            table.handle = self.client.empty(table.rows * length * size_of::<F>());
+            let all: Vec<u32> = (0..self.robot.classes as u32).collect();
+            self.copy::<F>(&table, &all, &self.classes);
         }
-        let (count, rows) = (rows.len(), rows.concat());
-        let threads = rows.len();
-        // A launch per part, since places are few and rows long.
-        let cubes = threads.div_ceil(THREADS);
-        // SAFETY: the lengths are those of the buffers, and all places are rows of the table.
-        unsafe {
-            copy_rows::launch_unchecked::<F>(
-                &self.client,
-                CubeCount::Static(cubes as u32, 1, 1),
-                CubeDim::new_1d(THREADS as u32),
-                BufferArg::from_raw_parts(upload::<F>(&self.client, &rows), threads),
-                BufferArg::from_raw_parts(self.client.create_from_slice(u32::as_bytes(&places)), count),
-                BufferArg::from_raw_parts(table.handle.clone(), table.rows * length),
-                count,
-                length,
-            );
+        self.copy::<F>(&table, &places, &rows.concat());
+    }
+
+    /// Copies rows into the table.
+    ///
+    /// # Shapes
+    /// - `places`: `[n]`; `rows`: `[n, row]`
+    fn copy<F: Number>(&self, table: &Table, places: &[u32], rows: &[f64]) {
+        let (client, length) = (&self.client, self.robot.skeleton.shape.row());
+        let most = (MAX_CUBES * THREADS / length).max(1);
+        for (places, rows) in places.chunks(most).zip(rows.chunks(most * length)) {
+            // SAFETY: the lengths are those of the buffers, and all places are rows of the table.
+            unsafe {
+                copy_rows::launch_unchecked::<F>(
+                    client,
+                    CubeCount::Static(rows.len().div_ceil(THREADS) as u32, 1, 1),
+                    CubeDim::new_1d(THREADS as u32),
+                    BufferArg::from_raw_parts(upload::<F>(client, rows), rows.len()),
+                    BufferArg::from_raw_parts(client.create_from_slice(u32::as_bytes(places)), places.len()),
+                    BufferArg::from_raw_parts(table.handle.clone(), table.rows * length),
+                    places.len(),
+                    length,
+                );
+            }
         }
     }
 
     /// Computes worlds: their new states and readings, as bytes.
-    fn launch<F: Number>(
-        &self,
-        worlds: &[&mut World],
-        substeps: u32,
-        stages: u32,
-    ) -> Result<(Bytes, Bytes), Error> {
+    fn launch<F: Number>(&self, worlds: &[&mut World], run: Run) -> Result<(Bytes, Bytes), Error> {
         let (client, shape) = (&self.client, self.robot.skeleton.shape);
         let count = worlds.len();
-        if count == 0 {
-            return Ok((Bytes::from_elems(Vec::<F>::new()), Bytes::from_elems(Vec::<F>::new())));
-        }
+        // An evaluation is one substep of one stage, whose end is not taken over.
+        let (substeps, stages) = match run {
+            Run::Forward => (1, 1),
+            Run::Step(substeps) => (substeps, STAGES),
+        };
         let models: Vec<u32> = worlds.iter().map(|world| world.model as u32).collect();
         let gathered = |part: fn(&World) -> &[f64]| -> Vec<F> {
             worlds.iter().flat_map(|world| part(world)).map(|&number| F::of(number)).collect()
@@ -252,6 +260,13 @@ impl Engine {
             Ok([state, readings]) => Ok((state, readings)),
             Err(other) => Err(Error::Device(format!("it returned {} buffers instead of 2", other.len()))),
         }
+    }
+}
+
+/// Takes over numbers of the device.
+fn take_over<F: Number>(own: &mut [f64], numbers: &[F]) {
+    for (own, number) in own.iter_mut().zip(numbers) {
+        *own = number.to();
     }
 }
 

@@ -76,6 +76,7 @@ impl Group {
     }
 
     fn set_coords(&mut self, lane: usize, start: usize, values: &[f64]) {
+        self.clear(lane, start, 6);
         for (at, &value) in values.iter().enumerate().take(6) {
             self.worlds[lane].state[start + at] = self.rounded(value);
         }
@@ -98,13 +99,20 @@ impl Group {
     fn set_qpos(&mut self, lane: usize, qpos: &[f64]) {
         let robot = Arc::clone(&self.robot);
         let rounded: Vec<f64> = qpos.iter().map(|&value| self.rounded(value)).collect();
+        self.clear(lane, 0, 7);
         let World { origin, state, .. } = &mut self.worlds[lane];
         *origin = [qpos[0], qpos[1]];
-        state[..2].fill(0.0);
         state[2..7].copy_from_slice(&rounded[2..7]);
         for joint in &robot.skeleton.joints {
             state[7 + joint.place] = rounded[joint.dof + 1];
         }
+    }
+
+    /// Sets a part of a state to zero, which begins with `root` numbers of the root. Joints that only complete the
+    /// shape of the robot must not keep what a world that diverged has left in them.
+    fn clear(&mut self, lane: usize, start: usize, root: usize) {
+        let end = start + root + self.robot.skeleton.shape.dofs();
+        self.worlds[lane].state[start..end].fill(0.0);
     }
 
     fn dofs(&self) -> usize {
@@ -119,21 +127,13 @@ impl Group {
 }
 
 impl World {
-    /// Takes over what the kernel has written in a step.
-    pub fn advance(&mut self, state: Vec<f64>, readings: Vec<f64>) {
-        self.evaluated_x = self.origin[0] + readings[0];
-        self.state = state;
-        self.readings = readings;
+    /// Keeps what a step has shown of x, and makes where the root is now the point from which x and y count.
+    pub fn set_origin(&mut self) {
+        self.evaluated_x = self.origin[0] + self.readings[0];
         for (origin, coordinate) in self.origin.iter_mut().zip(&mut self.state) {
             *origin += *coordinate;
             *coordinate = 0.0;
         }
-    }
-
-    /// Takes over what the kernel has written about the present state: accelerations and forces of contacts.
-    pub fn show(&mut self, state: &[f64], readings: &[f64], guess: usize, bodies: usize) {
-        self.state[guess..].copy_from_slice(&state[guess..]);
-        self.readings[bodies..].copy_from_slice(&readings[bodies..]);
     }
 }
 
