@@ -98,6 +98,7 @@ impl Shape {
     }
 
     /// Where a joint's numbers begin in those of a thread.
+    #[expect(clippy::unused_self, reason = "as for contact points")]
     pub const fn link(&self, joint: usize) -> usize {
         joint * link::LEN
     }
@@ -148,18 +149,15 @@ impl Row {
         self.softness(&link.limit);
         self.put(&[link.inverse_weight]);
         let unlimited = [-FAR, FAR];
-        match &link.actuator {
-            Some(actuator) => {
-                self.put(&[actuator.gear, actuator.gain]);
-                self.put(&actuator.bias);
-                self.put(&actuator.ctrl_range);
-                self.put(&actuator.force_range);
-            }
-            None => {
-                self.put(&[0.0; 5]);
-                self.put(&unlimited);
-                self.put(&unlimited);
-            }
+        if let Some(actuator) = &link.actuator {
+            self.put(&[actuator.gear, actuator.gain]);
+            self.put(&actuator.bias);
+            self.put(&actuator.ctrl_range);
+            self.put(&actuator.force_range);
+        } else {
+            self.put(&[0.0; 5]);
+            self.put(&unlimited);
+            self.put(&unlimited);
         }
         self.put(&link.actuator_range);
     }

@@ -13,6 +13,10 @@
     clippy::large_types_passed_by_value,
     reason = "the shape of a robot is known when a kernel is compiled"
 )]
+#![allow(clippy::needless_pass_by_value, reason = "kernels own what is known when they are compiled")]
+#![allow(clippy::expl_impl_clone_on_copy, reason = "the macros of CubeCL derive neither for what they write")]
+#![allow(clippy::extra_unused_type_parameters, reason = "the macros of CubeCL use them")]
+#![allow(clippy::used_underscore_binding, reason = "the macros of CubeCL use them")]
 #![allow(clippy::needless_range_loop, reason = "an index runs over several arrays at once, as in formulas")]
 
 mod kinematics;
