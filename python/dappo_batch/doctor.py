@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dappo_batch import devices
-from dappo_batch._core import LaneWorlds
+from dappo_batch._core import ConfigError, LaneWorlds, gpu_device
 from dappo_batch.envs import make_vec
 from dappo_batch.envs.options import Backend
 from dappo_batch.machine import cores, cpu_flags, cpu_name
@@ -183,6 +183,14 @@ def _gpu() -> Check:
     return Check("gpu", "missing", "no NVIDIA GPU or no driver; everything runs on the CPU")
 
 
+def _gpu_engine() -> Check:
+    """Check the backend ``gpu``: whether this build has it, and the device that it finds."""
+    try:
+        return Check("gpu engine", "ok", gpu_device())
+    except ConfigError as error:
+        return Check("gpu engine", "missing", str(error))
+
+
 def _warp() -> Check:
     """Check the GPU backend: Warp, its driver, and its devices."""
     if reason := devices.problem("warp-cpu"):
@@ -263,7 +271,7 @@ def diagnose(*, rendering: bool = True) -> dict[str, Any]:
     """
     groups = {
         "core": _core_checks(),
-        "devices": [_gpu(), _warp()],
+        "devices": [_gpu(), _gpu_engine(), _warp()],
         "rendering": _rendering() if rendering else [],
         "extras": [_extra(extra) for extra in _EXTRAS],
     }

@@ -63,7 +63,7 @@ BAD_USAGE = [
     (("train", "--steps", "0"), 2, ["'0'", "--steps", "at least 1"]),
     (("train", "--seed", "-1"), 2, ["'-1'", "--seed", "at least 0"]),
     (("train", "--threads", "0"), 2, ["'0'", "--threads", "at least 1"]),
-    (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "auto, cpu, cuda, warp-cpu"]),
+    (("train", "--device", "tpu"), 2, ["'tpu'", "--device", "auto, cpu, gpu, cuda, warp-cpu"]),
     (("train", "--physics", "verlet"), 2, ["'verlet'", "rk4", "euler"]),
     (("train", "--backend", "brax"), 2, ["'brax'", "--backend", "auto, lanes, mujoco"]),
     (("train", "--precision", "f16"), 2, ["'f16'", "--precision", "f32, f64"]),

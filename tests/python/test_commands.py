@@ -193,7 +193,7 @@ def test_an_evaluation_returns_what_the_command_line_prints(run: Path) -> None:
         ({"num_envs": 4.0}, "num_envs must be an integer, got 4.0"),
         ({"seed": -1}, "seed must be at least 0, got -1"),
         ({"threads": 10**9}, "threads must be at most [0-9]+, got 1000000000"),
-        ({"device": "tpu"}, "device must be one of 'auto', 'cpu', 'cuda', 'warp-cpu', got 'tpu'"),
+        ({"device": "tpu"}, "device must be one of 'auto', 'cpu', 'gpu', 'cuda', 'warp-cpu', got 'tpu'"),
         ({"unaware": 1}, "unaware must be True or False, got 1"),
         ({"reward": 3}, "reward must be a text, got 3"),
         ({"config": "\0"}, "config must be a path"),

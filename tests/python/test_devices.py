@@ -12,7 +12,7 @@ import pytest
 
 import dappo_batch
 from dappo_batch import ClassTable, ConfigError, devices
-from dappo_batch._core import run_cli
+from dappo_batch._core import gpu_device, run_cli
 
 from .command_line import ITERATION, TINY
 
@@ -108,9 +108,27 @@ def test_who_asks_for_what_only_the_cpu_has_gets_the_cpu(
 
 
 def test_unknown_devices_are_rejected_with_the_known_ones(ant_table: ClassTable) -> None:
-    expected = "device must be one of 'auto', 'cpu', 'cuda', 'warp-cpu', got 'tpu'"
+    expected = "device must be one of 'auto', 'cpu', 'gpu', 'cuda', 'warp-cpu', got 'tpu'"
     with pytest.raises(ConfigError, match=expected):
         dappo_batch.make_vec(ant_table, device="tpu")
+
+
+def test_the_device_gpu_is_refused_with_the_reason_where_it_cannot_be_used(
+    ant_table: ClassTable,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.delenv("DAPPO_GPU_SOFTWARE", raising=False)
+    try:
+        pytest.skip(f"this machine has {gpu_device()}")
+    except ConfigError as error:
+        reason = str(error)
+    assert reason.startswith("the device gpu cannot be used: ")
+    with pytest.raises(ConfigError, match="the device gpu cannot be used: "):
+        dappo_batch.make_vec(ant_table, device="gpu")
+    assert run_cli(["train", "--device", "gpu", "--run", str(tmp_path / "run"), *TINY]) == 1
+    assert reason in capfd.readouterr().err
 
 
 class PhysicsOverflowError(RuntimeError):

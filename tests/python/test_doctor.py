@@ -41,7 +41,7 @@ def test_the_doctor_finds_the_core_of_this_installation_working(capsys: pytest.C
     assert found["core"]["dappo-batch"]["detail"] == importlib.metadata.version("dappo-batch")
     assert "33 damage classes" in found["core"]["self test"]["detail"]
     assert {"egl", "osmesa", "films"} == set(found["rendering"])
-    assert set(found["devices"]) == {"gpu", "warp"}
+    assert set(found["devices"]) == {"gpu", "gpu engine", "warp"}
 
 
 @pytest.mark.usefixtures("without_rendering")

@@ -29,7 +29,7 @@ class Simulation(TypedDict, total=False):
     Attributes
     ----------
     device : str
-        ``auto``, ``cpu``, ``cuda`` or ``warp-cpu``.
+        ``auto``, ``cpu``, ``gpu``, ``cuda`` or ``warp-cpu``.
     backend : str
         ``auto``, ``lanes`` or ``mujoco``; on the CPU.
     precision : str

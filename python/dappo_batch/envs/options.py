@@ -26,8 +26,8 @@ __all__ = [
 RobotLike: TypeAlias = str | Path | Robot | ClassTable
 """Name of a built-in robot, path of a robot TOML, a loaded robot, or its compiled class table."""
 
-Device: TypeAlias = Literal["auto", "cpu", "cuda", "warp-cpu"]
-"""Device of the physics; ``"warp-cpu"`` runs the GPU kernels on the CPU, slowly."""
+Device: TypeAlias = Literal["auto", "cpu", "gpu", "cuda", "warp-cpu"]
+"""Device of the physics; ``"warp-cpu"`` runs the kernels of ``"cuda"`` on the CPU, slowly."""
 
 Backend: TypeAlias = Literal["auto", "lanes", "mujoco"]
 """Backend on the CPU; ``"auto"`` is the lane engine if it supports the robot."""
@@ -119,10 +119,11 @@ class VectorEnvOptions(EnvOptions, total=False):
         If false, every returned array is a view of native memory, valid until the next `step`, `reset` or
         `set_state`, which overwrites it without the GIL: other threads must not read it meanwhile. True by
         default.
-    device : {"cpu", "cuda", "auto", "warp-cpu"}
-        Device of the physics; ``"cpu"`` by default. ``"cuda"`` is the backend ``"warp"`` on a GPU, in single
-        precision; it needs the extra ``gpu``. ``"auto"`` is ``"cuda"`` if available; ``"warp-cpu"`` runs the
-        same kernels on the CPU, slowly.
+    device : {"cpu", "gpu", "cuda", "auto", "warp-cpu"}
+        Device of the physics; ``"cpu"`` by default. ``"gpu"`` is the backend ``"gpu"`` on a GPU of any
+        maker; it needs a build with that feature and a robot that the lane engine supports. ``"cuda"`` is the
+        backend ``"warp"`` on a GPU, in single precision; it needs the extra ``gpu``. ``"auto"`` is ``"cuda"``
+        if available; ``"warp-cpu"`` runs the kernels of ``"cuda"`` on the CPU, slowly.
     njmax, nconmax : int
         On a GPU, buffer sizes: constraints of each env, and contacts as an average over the envs; by default
         the most that a limbed robot on a floor can need.

@@ -105,7 +105,7 @@ class DamageVectorEnv(NativeEnv, VectorEnv[NDArray[np.float32], NDArray[np.float
 
     @property
     def device(self) -> str:
-        """Device of the physics, ``"cpu"``, ``"cuda"`` or ``"warp-cpu"``."""
+        """Device of the physics, ``"cpu"``, ``"gpu"``, ``"cuda"`` or ``"warp-cpu"``."""
         return self._core.device
 
     @property

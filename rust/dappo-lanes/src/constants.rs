@@ -177,8 +177,9 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
     }
 }
 
-/// A constant that differs between two classes of a robot although it must not.
-fn difference(a: &Model, b: &Model) -> Option<&'static str> {
+/// A constant that differs between two classes of a robot although all of them must share it.
+#[must_use]
+pub fn difference(a: &Model, b: &Model) -> Option<&'static str> {
     let links = || a.limbs.iter().flatten().zip(b.limbs.iter().flatten());
     let points = || a.points.iter().zip(&b.points);
     let lengths = |model: &Model| model.limbs.iter().map(Vec::len).collect::<Vec<_>>();

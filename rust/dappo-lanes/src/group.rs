@@ -2,7 +2,7 @@
 
 use crate::model::Model;
 
-/// Where [`Group::read`] writes the state of one world.
+/// Where [`WorldAccess::read`] writes the state of one world.
 #[derive(Debug)]
 pub struct Readout<'a> {
     /// Positions, `[nq]`.
@@ -16,8 +16,8 @@ pub struct Readout<'a> {
     pub touch: &'a mut [f64],
 }
 
-/// As many worlds as fit into a SIMD register, each a lane with its own damage class and state.
-pub trait Group: Send + Sync {
+/// Worlds of one robot, each a lane with its own damage class and state.
+pub trait WorldAccess: Send + Sync {
     /// Number of worlds.
     fn width(&self) -> usize;
 
@@ -35,12 +35,6 @@ pub trait Group: Send + Sync {
 
     /// Sets the controls of a world, `[actuators]`.
     fn set_ctrl(&mut self, lane: usize, ctrl: &[f64]);
-
-    /// Computes the forces that act in the present states, for the worlds of the mask (bit i = lane i).
-    fn forward(&mut self, lanes: u32);
-
-    /// Advances the worlds of the mask by a number of substeps; the others stay as they are.
-    fn step(&mut self, lanes: u32, substeps: usize);
 
     /// Reads the state of a world.
     fn read(&self, lane: usize, readout: Readout<'_>);
@@ -62,4 +56,13 @@ pub trait Group: Send + Sync {
 
     /// Goes back to a saved row.
     fn load(&mut self, lane: usize, row: &[f64]);
+}
+
+/// As many worlds as fit into a SIMD register, computed by themselves.
+pub trait Group: WorldAccess {
+    /// Computes the forces that act in the present states, for the worlds of the mask (bit i = lane i).
+    fn forward(&mut self, lanes: u32);
+
+    /// Advances the worlds of the mask by a number of substeps; the others stay as they are.
+    fn step(&mut self, lanes: u32, substeps: usize);
 }

@@ -44,7 +44,8 @@ pub mod model;
 mod state;
 mod worlds;
 
+pub use constants::difference;
 pub use engine::{Engine, Precision, Simd};
 pub use error::Unsupported;
-pub use group::{Group, Readout};
+pub use group::{Group, Readout, WorldAccess};
 pub use model::Model;

@@ -60,7 +60,7 @@ pub enum Cone {
 }
 
 /// MuJoCo's integrators (documentation: Computation, "Numerical integration").
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Integrator {
     /// Fourth-order Runge–Kutta.
     Rk4 {
@@ -204,7 +204,7 @@ pub enum Surface {
 }
 
 /// The points of a cylinder that can touch a floor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RimPlace {
     /// The lowest point.
     Lowest,

@@ -6,7 +6,7 @@ use crate::constants::{Constants, Skeleton};
 use crate::coords::Coords;
 use crate::dynamics::Dynamics;
 use crate::forces::Forces;
-use crate::group::{Group, Readout};
+use crate::group::{Group, Readout, WorldAccess};
 use crate::integrate::{Observer, Substep};
 use crate::lane::{Lane, Mask};
 use crate::model::Model;
@@ -203,7 +203,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     }
 }
 
-impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize> WorldAccess for Worlds<T, L, J> {
     fn width(&self) -> usize {
         T::WIDTH
     }
@@ -236,34 +236,6 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
                 if let Some(actuator) = shared.actuator {
                     self.ctrl[limb][joint].set(lane, ctrl[actuator]);
                 }
-            }
-        }
-    }
-
-    fn forward(&mut self, lanes: u32) {
-        let robot = Arc::clone(&self.robot);
-        robot.with_dynamics(|dynamics| {
-            T::run(
-                #[inline(always)]
-                || self.forward_lanes(T::Mask::from_bits(lanes), dynamics),
-            );
-        });
-    }
-
-    fn step(&mut self, lanes: u32, substeps: usize) {
-        let robot = Arc::clone(&self.robot);
-        let x = robot.with_dynamics(|dynamics| {
-            T::run(
-                #[inline(always)]
-                || self.step_lanes(T::Mask::from_bits(lanes), substeps, dynamics),
-            )
-        });
-        for lane in (0..T::WIDTH).filter(|lane| lanes >> lane & 1 == 1) {
-            self.evaluated_x[lane] = self.origin[lane][0] + x.get(lane);
-            for axis in 0..2 {
-                let coordinate = &mut self.state.position.root[axis];
-                self.origin[lane][axis] += coordinate.get(lane);
-                coordinate.set(lane, 0.0);
             }
         }
     }
@@ -321,5 +293,35 @@ impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
         self.state.velocity = self.coords(lane, self.state.velocity, qvel);
         self.state.warm_start = self.coords(lane, self.state.warm_start, warm_start);
         self.evaluated_x[lane] = rest[0];
+    }
+}
+
+impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
+    fn forward(&mut self, lanes: u32) {
+        let robot = Arc::clone(&self.robot);
+        robot.with_dynamics(|dynamics| {
+            T::run(
+                #[inline(always)]
+                || self.forward_lanes(T::Mask::from_bits(lanes), dynamics),
+            );
+        });
+    }
+
+    fn step(&mut self, lanes: u32, substeps: usize) {
+        let robot = Arc::clone(&self.robot);
+        let x = robot.with_dynamics(|dynamics| {
+            T::run(
+                #[inline(always)]
+                || self.step_lanes(T::Mask::from_bits(lanes), substeps, dynamics),
+            )
+        });
+        for lane in (0..T::WIDTH).filter(|lane| lanes >> lane & 1 == 1) {
+            self.evaluated_x[lane] = self.origin[lane][0] + x.get(lane);
+            for axis in 0..2 {
+                let coordinate = &mut self.state.position.root[axis];
+                self.origin[lane][axis] += coordinate.get(lane);
+                coordinate.set(lane, 0.0);
+            }
+        }
     }
 }

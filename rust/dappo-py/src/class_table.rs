@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use dappo_sim::backend::gpu;
 use dappo_sim::backend::lanes::{LaneTable, LanesBackend, ModelArrays, Rules};
 use dappo_sim::backend::mujoco::{
     Field, ModelTable, MujocoBackend, MujocoLibrary, VariedModel, WorkerFields,
@@ -59,6 +60,12 @@ pub fn lane_support(table: &Bound<'_, PyAny>) -> PyResult<(Vec<String>, Vec<Stri
         Err(SimError::Unsupported(reasons)) => Ok((reasons, Vec::new())),
         Err(error) => Err(error).or_raise(),
     }
+}
+
+/// The name of the device that the backend `gpu` would use; an error with the reason why there is none.
+#[pyfunction]
+pub fn gpu_device() -> PyResult<String> {
+    gpu::device().or_raise()
 }
 
 impl<'py> ClassTable<'py> {
@@ -135,6 +142,14 @@ impl<'py> ClassTable<'py> {
                     })
                     .map(|backend| Box::new(backend) as Box<dyn Backend>)
                     .or_raise()
+            }
+            Physics::Gpu(precision) => {
+                let refuse = |why: &String| {
+                    let why = if why.is_empty() { "the backend `mujoco` was requested" } else { why };
+                    SimError::Config(format!("the device gpu cannot be used: {why}"))
+                };
+                let table = lanes.as_ref().map_err(refuse);
+                table.and_then(|table| gpu::open(task, table.clone(), precision, num_envs)).or_raise()
             }
             Physics::Mujoco => {
                 let threads = options.threads.min(options.physics.most_threads(num_envs));

@@ -100,7 +100,7 @@ impl TableFactory {
     pub fn describe(&self, physics: Physics) -> String {
         let what = format!("backend {}, {}", physics.backend(), physics.precision());
         match (physics, &self.lanes) {
-            (Physics::Warp(device), _) => format!("{what}, device {}", device.name()),
+            (Physics::Warp(_) | Physics::Gpu(_), _) => format!("{what}, device {}", physics.device()),
             (Physics::Mujoco, Err(note)) if !note.is_empty() => format!("{what}: {note}"),
             (Physics::Lanes(_), Ok(table)) if !table.notes().is_empty() => {
                 format!("{what}: {}", table.notes().join("; "))
@@ -193,7 +193,7 @@ impl EnvFactory for TableFactory {
     fn engine(&self, config: &Config) -> dappo_learn::Result<Box<dyn RolloutEngine>> {
         let envs = self.env_config(config)?;
         match self.training {
-            Physics::Lanes(_) | Physics::Mujoco => {
+            Physics::Lanes(_) | Physics::Mujoco | Physics::Gpu(_) => {
                 let reward = config.env.reward.as_deref();
                 let backend = self.open(envs.keys.len(), reward, self.training, true)?;
                 let env = VectorEnv::new(backend, &self.space, envs)?;

@@ -43,6 +43,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(robot::robot_faults, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_task, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_with_task, module)?)?;
+    module.add_function(wrap_pyfunction!(class_table::gpu_device, module)?)?;
     module.add_function(wrap_pyfunction!(class_table::lane_support, module)?)?;
     module.add_function(wrap_pyfunction!(testing::rollout::collect_rollout, module)?)?;
     module.add_function(wrap_pyfunction!(files::read_file, module)?)?;

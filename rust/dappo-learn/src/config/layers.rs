@@ -315,7 +315,7 @@ mod tests {
             ("[env]\nprecision = 'f16'", "unknown variant `f16`, expected `f32` or `f64`"),
             (
                 "[env]\ndevice = 'tpu'",
-                "unknown variant `tpu`, expected one of `auto`, `cpu`, `cuda`, `warp-cpu`",
+                "unknown variant `tpu`, expected one of `auto`, `cpu`, `gpu`, `cuda`, `warp-cpu`",
             ),
             ("[env]\nnjmax = 0", "`env.njmax` is 0"),
             ("[env]\nthreads = 1_000_000", "`env.threads` is 1000000"),

@@ -73,7 +73,7 @@ pub struct EnvSection {
     /// Worker threads; all cores when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// `auto`, `cpu`, `cuda` or `warp-cpu`: where the training simulates; `auto` is a CUDA GPU where one can
+    /// `auto`, `cpu`, `gpu`, `cuda` or `warp-cpu`: where the training simulates; `auto` is a CUDA GPU where one can
     /// be used, unless `backend` or `precision` need the CPU.
     pub device: Device,
     /// The backend on the CPU: `auto`, `lanes` or `mujoco`; `auto` is the lane engine wherever it supports

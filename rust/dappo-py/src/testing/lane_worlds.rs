@@ -1,9 +1,9 @@
 //! `LaneWorlds` in Python: the bare lane engine, for tests and research.
 
-use dappo_sim::BackendKind;
-use dappo_sim::backend::Precision;
-use dappo_sim::backend::lanes::{Group, LaneTable, Readout, Sizes};
+use dappo_sim::backend::lanes::{LaneTable, Readout, Sizes};
+use dappo_sim::backend::{LaneWorlds, Worlds, gpu};
 use dappo_sim::simd::{self, Simd};
+use dappo_sim::{BackendKind, Device, Precision, SimError};
 use numpy::{PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -14,13 +14,12 @@ use crate::errors::{Kind, OrRaise, raise};
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Forces<'py> = Bound<'py, PyArray3<f64>>;
 
-/// N worlds of the lane engine, one in each lane, without episodes, observations or rewards. They compute in the thread
-/// that calls.
+/// N worlds of the lane engine, one in each lane, or of the GPU engine, without episodes, observations or rewards. The
+/// lane engine computes in the thread that calls.
 #[pyclass(name = "LaneWorlds", module = "dappo_batch._core")]
 pub struct PyLaneWorlds {
-    groups: Vec<Box<dyn Group>>,
+    worlds: Box<dyn Worlds>,
     count: usize,
-    width: usize,
     sizes: Sizes,
     simd: Simd,
     precision: Precision,
@@ -47,21 +46,12 @@ impl PyLaneWorlds {
             qvel.as_slice().map_err(not_contiguous)?,
             ctrl.as_slice().map_err(not_contiguous)?,
         );
-        for world in 0..self.count {
-            let (group, lane) = (&mut self.groups[world / self.width], world % self.width);
-            group.set_state(lane, &qpos[world * nq..][..nq], &qvel[world * nv..][..nv]);
-            group.set_ctrl(lane, &ctrl[world * nu..][..nu]);
+        for index in 0..self.count {
+            let (group, lane) = self.worlds.world_mut(index);
+            group.set_state(lane, &qpos[index * nq..][..nq], &qvel[index * nv..][..nv]);
+            group.set_ctrl(lane, &ctrl[index * nu..][..nu]);
         }
         Ok(())
-    }
-
-    /// The lanes of every group that hold a world.
-    fn groups(&mut self) -> impl Iterator<Item = (&mut Box<dyn Group>, u32)> {
-        let (count, width) = (self.count, self.width);
-        self.groups.iter_mut().enumerate().map(move |(index, group)| {
-            let worlds = (count - index * width).min(width);
-            (group, u32::MAX >> (u32::BITS - worlds as u32))
-        })
     }
 
     fn read<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Matrix<'py>, Forces<'py>, Matrix<'py>)> {
@@ -84,7 +74,8 @@ impl PyLaneWorlds {
                     cfrc_ext: &mut loads[world * nbody * 6..][..nbody * 6],
                     touch: &mut readings[world * touch..][..touch],
                 };
-                self.groups[world / self.width].read(world % self.width, readout);
+                let (group, lane) = self.worlds.world(world);
+                group.read(lane, readout);
             }
         }
         Ok((qpos, qvel, forces, touches))
@@ -100,12 +91,13 @@ fn lane_table(table: &Bound<'_, PyAny>) -> PyResult<LaneTable> {
 #[pymethods]
 impl PyLaneWorlds {
     #[new]
-    #[pyo3(signature = (table, classes, precision="f64", simd=None))]
+    #[pyo3(signature = (table, classes, precision="f64", simd=None, device="cpu"))]
     fn new(
         table: &Bound<'_, PyAny>,
         classes: PyReadonlyArray1<'_, i64>,
         precision: &str,
         simd: Option<&str>,
+        device: &str,
     ) -> PyResult<Self> {
         let precision = Precision::parse(precision).or_raise()?;
         let simd = match simd {
@@ -114,26 +106,32 @@ impl PyLaneWorlds {
         };
         let simd = simd.or_raise()?;
         let table = lane_table(table)?;
-        let engine = table.engine(precision, simd).or_raise()?;
         let classes = classes.as_slice().map_err(not_contiguous)?;
-        let width = engine.width();
-        let mut groups: Vec<_> = (0..classes.len().div_ceil(width)).map(|_| engine.group()).collect();
-        for (world, &class) in classes.iter().enumerate() {
+        let count = classes.len();
+        let mut worlds = match Device::parse(device).or_raise()? {
+            Device::Cpu => LaneWorlds::new(&table, precision, simd, count)
+                .map(|worlds| Box::new(worlds) as Box<dyn Worlds>),
+            Device::Gpu => gpu::worlds(&table, precision, count),
+            _ => Err(SimError::Config(format!("device is `{device}`, expected `cpu` or `gpu`"))),
+        }
+        .or_raise()?;
+        for (index, &class) in classes.iter().enumerate() {
             let class = usize::try_from(class).ok().filter(|&class| class < table.classes());
             let class = class.ok_or_else(|| {
                 let last = table.classes() - 1;
-                let message = format!("classes[{world}] is {}, expected 0 to {last}", classes[world]);
+                let message = format!("classes[{index}] is {}, expected 0 to {last}", classes[index]);
                 raise(Kind::Config, message)
             })?;
-            groups[world / width].set_class(world % width, class);
+            let (group, lane) = worlds.world_mut(index);
+            group.set_class(lane, class);
         }
-        Ok(Self { groups, count: classes.len(), width, sizes: table.sizes(), simd, precision })
+        Ok(Self { worlds, count, sizes: table.sizes(), simd, precision })
     }
 
-    /// Worlds in a register.
+    /// Worlds in a group: with the lane engine, those in a register.
     #[getter]
     fn width(&self) -> usize {
-        self.width
+        if self.count == 0 { 0 } else { self.worlds.world(0).0.width() }
     }
 
     /// Instruction set.
@@ -157,14 +155,15 @@ impl PyLaneWorlds {
         ctrl: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<(Matrix<'py>, Forces<'py>, Matrix<'py>)> {
         self.place(&qpos, &qvel, &ctrl)?;
-        py.detach(|| self.groups().for_each(|(group, lanes)| group.forward(lanes)));
+        py.detach(|| self.worlds.forward()).or_raise()?;
         let nv = self.sizes.nv;
         let qacc = PyArray2::zeros(py, [self.count, nv], false);
         {
             let mut accelerations = qacc.readwrite();
             let rows = accelerations.as_slice_mut().map_err(not_contiguous)?.chunks_exact_mut(nv);
             for (world, row) in rows.enumerate() {
-                self.groups[world / self.width].accelerations(world % self.width, row);
+                let (group, lane) = self.worlds.world(world);
+                group.accelerations(lane, row);
             }
         }
         let (_, _, forces, touch) = self.read(py)?;
@@ -181,7 +180,7 @@ impl PyLaneWorlds {
         substeps: usize,
     ) -> PyResult<(Matrix<'py>, Matrix<'py>, Forces<'py>, Matrix<'py>)> {
         self.place(&qpos, &qvel, &ctrl)?;
-        py.detach(|| self.groups().for_each(|(group, lanes)| group.step(lanes, substeps)));
+        py.detach(|| self.worlds.step(substeps)).or_raise()?;
         self.read(py)
     }
 }

@@ -57,8 +57,8 @@ impl Running {
         let env = VectorEnv::new(backend, &table.space, config).or_raise()?;
         let note = match (physics, lanes) {
             (Physics::Mujoco, Err(note)) => note,
-            (Physics::Lanes(_), Ok(table)) => table.notes().join("; "),
-            (Physics::Lanes(_) | Physics::Mujoco | Physics::Warp(_), _) => String::new(),
+            (Physics::Lanes(_) | Physics::Gpu(_), Ok(table)) => table.notes().join("; "),
+            (Physics::Lanes(_) | Physics::Gpu(_) | Physics::Mujoco | Physics::Warp(_), _) => String::new(),
         };
         Ok((Self { env, pool }, physics.device(), note))
     }

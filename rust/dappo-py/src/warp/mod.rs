@@ -5,6 +5,7 @@ mod backend;
 mod engine;
 mod task;
 
+use dappo_sim::backend::gpu;
 use dappo_sim::{Device, SimError};
 use pyo3::prelude::*;
 
@@ -25,8 +26,10 @@ pub struct Room {
 
 /// Resolves a requested device on this machine: `auto` becomes another one, and an unusable one is an error.
 pub fn resolve(wish: Device) -> Result<Device, SimError> {
-    if wish == Device::Cpu {
-        return Ok(wish);
+    match wish {
+        Device::Cpu => return Ok(wish),
+        Device::Gpu => return gpu::device().map(|_| wish),
+        Device::Auto | Device::Cuda | Device::WarpCpu => {}
     }
     let name: String = undisturbed(|py| devices(py)?.call_method1("resolve", (wish.name(),))?.extract())?;
     Device::parse(&name)

@@ -3,13 +3,17 @@
 //! A backend is dumb so that backends can be compared: it resets, changes damage classes and steps. Time
 //! limits, autoreset, class draws and damage codes belong to the [vector env](crate::vector_env).
 
+mod block;
+pub mod gpu;
 pub mod lanes;
 pub mod mujoco;
 mod physics;
 mod settings;
+mod worlds;
 
 pub use physics::{Physics, WarpDevice};
 pub use settings::{BackendKind, Device, Precision};
+pub use worlds::{LaneWorlds, Worlds};
 
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};

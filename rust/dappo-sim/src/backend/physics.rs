@@ -9,6 +9,8 @@ pub enum Physics {
     Lanes(Precision),
     /// libmujoco on the CPU, in double precision.
     Mujoco,
+    /// The GPU engine.
+    Gpu(Precision),
     /// The kernels of the backend `warp`, in single precision.
     Warp(WarpDevice),
 }
@@ -28,6 +30,7 @@ impl Physics {
     #[must_use]
     pub fn new(device: Device, has_lanes: bool, precision: Precision) -> Self {
         match device {
+            Device::Gpu => Self::Gpu(precision),
             Device::Cuda => Self::Warp(WarpDevice::Cuda),
             Device::WarpCpu => Self::Warp(WarpDevice::Cpu),
             Device::Auto | Device::Cpu if has_lanes => Self::Lanes(precision),
@@ -41,6 +44,7 @@ impl Physics {
         match self {
             Self::Lanes(_) => "lanes",
             Self::Mujoco => "mujoco",
+            Self::Gpu(_) => "gpu",
             Self::Warp(_) => "warp",
         }
     }
@@ -49,7 +53,7 @@ impl Physics {
     #[must_use]
     pub fn precision(self) -> &'static str {
         match self {
-            Self::Lanes(precision) => precision.name(),
+            Self::Lanes(precision) | Self::Gpu(precision) => precision.name(),
             Self::Mujoco => Precision::F64.name(),
             Self::Warp(_) => Precision::F32.name(),
         }
@@ -60,6 +64,7 @@ impl Physics {
     pub fn device(self) -> &'static str {
         match self {
             Self::Lanes(_) | Self::Mujoco => Device::Cpu.name(),
+            Self::Gpu(_) => Device::Gpu.name(),
             Self::Warp(device) => device.name(),
         }
     }
@@ -68,7 +73,8 @@ impl Physics {
     #[must_use]
     pub fn most_threads(self, num_envs: usize) -> usize {
         match self {
-            Self::Lanes(_) | Self::Mujoco => num_envs.max(1),
+            // On a GPU the tasks are computed by the CPU.
+            Self::Lanes(_) | Self::Mujoco | Self::Gpu(_) => num_envs.max(1),
             // One thread drives a device.
             Self::Warp(_) => 1,
         }
@@ -100,6 +106,7 @@ mod tests {
             (Device::Auto, false, Precision::F64, ["mujoco", "f64", "cpu"]),
             (Device::Cuda, true, Precision::F64, ["warp", "f32", "cuda"]),
             (Device::WarpCpu, false, Precision::F32, ["warp", "f32", "warp-cpu"]),
+            (Device::Gpu, true, Precision::F64, ["gpu", "f64", "gpu"]),
         ] {
             let physics = Physics::new(device, has_lanes, precision);
             assert_eq!([physics.backend(), physics.precision(), physics.device()], expected);

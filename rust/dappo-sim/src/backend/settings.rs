@@ -47,6 +47,8 @@ pub enum Device {
     Auto,
     /// The CPU, with the backend `lanes` or `mujoco`.
     Cpu,
+    /// A GPU of any maker, with the backend `gpu`.
+    Gpu,
     /// A CUDA GPU, with the backend `warp`.
     Cuda,
     /// The CPU with the kernels of the backend `warp`: slow, and as on a GPU.
@@ -165,12 +167,13 @@ mod tests {
         for (name, device) in [
             ("auto", Device::Auto),
             ("cpu", Device::Cpu),
+            ("gpu", Device::Gpu),
             ("cuda", Device::Cuda),
             ("warp-cpu", Device::WarpCpu),
         ] {
             assert_eq!((Device::parse(name).unwrap(), device.name()), (device, name));
         }
         let message = Device::parse("tpu").unwrap_err().to_string();
-        assert_eq!(message, "device is `tpu`, expected one of `auto`, `cpu`, `cuda`, `warp-cpu`");
+        assert_eq!(message, "device is `tpu`, expected one of `auto`, `cpu`, `gpu`, `cuda`, `warp-cpu`");
     }
 }

@@ -88,7 +88,8 @@ arguments! {
         /// Seed of all random streams
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         pub seed: Option<AtLeast<0>> => "seed",
-        /// Where to simulate: auto is a CUDA GPU where one can be used, warp-cpu its kernels on the CPU, for tests
+        /// Where to simulate: auto is a CUDA GPU where one can be used, gpu a GPU of any maker in builds with that
+        /// feature, warp-cpu the kernels of cuda on the CPU, for tests
         #[arg(long)]
         pub device: Option<OneOf<Device>> => "env.device",
         /// Physics backend on the CPU

@@ -100,12 +100,18 @@ impl LaneTable {
         }
     }
 
-    pub(super) fn start(&self, model: usize) -> &[f64] {
+    /// The compiled models: those of the classes in their order, then their variants.
+    #[must_use]
+    pub fn models(&self) -> &[Model] {
+        &self.models
+    }
+
+    pub(in crate::backend) fn start(&self, model: usize) -> &[f64] {
         &self.starts[model]
     }
 
     /// A model with what is random about an env, and by how much the limits of jammed joints have moved.
-    pub(super) fn varied<'a>(
+    pub(in crate::backend) fn varied<'a>(
         &self,
         model: usize,
         variation: &Variation,
@@ -135,7 +141,7 @@ impl LaneTable {
         model
     }
 
-    pub(super) fn disabled_touch(&self, class: usize) -> &[bool] {
+    pub(in crate::backend) fn disabled_touch(&self, class: usize) -> &[bool] {
         &self.disabled_touch[class]
     }
 }

@@ -16,6 +16,7 @@ mod tree;
 
 use rayon::prelude::*;
 
+use super::block::{Block, BlockOutputs};
 use super::{
     Backend, BackendSnapshot, ObsRows, Physics, Precision, Reset, StepOutputs, check_class, check_envs,
 };
@@ -24,9 +25,8 @@ use crate::simd::Simd;
 use crate::task::Task;
 
 pub use arrays::{ModelArrays, ModelReader, Rules};
-use block::{Block, BlockOutputs};
 pub use compile::{LaneTable, Sizes};
-pub use dappo_lanes::{Group, Readout};
+pub use dappo_lanes::{Group, Readout, WorldAccess};
 
 /// The lane engine × rayon.
 pub struct LanesBackend {
@@ -35,7 +35,7 @@ pub struct LanesBackend {
     precision: Precision,
     /// Envs in a block.
     width: usize,
-    blocks: Vec<Block>,
+    blocks: Vec<Block<dyn Group>>,
     classes: Vec<usize>,
 }
 
@@ -109,10 +109,17 @@ impl Backend for LanesBackend {
             wanted[reset.env] = Some(*reset);
         }
         let (task, table, width, stride) = (&self.task, &self.table, self.width, obs.stride);
-        (self.blocks.par_iter_mut(), wanted.par_chunks(width), obs.data.par_chunks_mut(width * stride))
+        (
+            self.blocks.par_iter_mut(),
+            wanted.par_chunks(width),
+            self.classes.par_chunks(width),
+            obs.data.par_chunks_mut(width * stride),
+        )
             .into_par_iter()
-            .filter(|(_, resets, _)| resets.iter().any(Option::is_some))
-            .for_each(|(block, resets, obs)| block.reset(task, table, resets, obs, stride));
+            .filter(|(_, resets, ..)| resets.iter().any(Option::is_some))
+            .for_each(|(block, resets, classes, obs)| {
+                block.reset(task, table, resets, classes, obs, stride);
+            });
         Ok(())
     }
 
@@ -207,8 +214,9 @@ impl Backend for LanesBackend {
             .into_par_iter()
             .filter(|(_, _, skip, ..)| skip.contains(&false))
             .for_each(|(block, classes, skip, qpos, qvel, obs)| {
-                let class_of = |lane: usize| (!skip[lane]).then(|| classes[lane]);
-                block.set_state(task, table, class_of, (qpos, qvel), obs, stride);
+                let lanes = block.put(task, skip, qpos, qvel);
+                block.group.forward(lanes);
+                block.observe_first(task, table, lanes, classes, obs, stride);
             });
         Ok(())
     }

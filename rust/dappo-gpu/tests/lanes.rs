@@ -1,0 +1,326 @@
+//! The kernel compared with the lane engine, which is compared with MuJoCo: robots that have every feature at once,
+//! as no robot of the package has. Without any device, software Vulkan included, the tests say so and end.
+#![cfg(feature = "wgpu")]
+
+use dappo_gpu::{Device, Engine, Error};
+use dappo_lanes::model::{
+    Actuator, Cone, Inertia, Integrator, Link, Model, Point, RimPlace, Softness, Surface, Vector,
+};
+use dappo_lanes::{Precision, Readout, Simd, WorldAccess};
+
+/// Numbers between −1 and 1.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self, scale: f64) -> Vector {
+        [0; 3].map(|_| scale * self.next())
+    }
+
+    /// Axes of a rotated frame.
+    fn axes(&mut self) -> [Vector; 3] {
+        let normalised = |v: Vector| v.map(|x| x / v.iter().map(|x| x * x).sum::<f64>().sqrt());
+        let cross = |a: Vector, b: Vector| {
+            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        };
+        let z = normalised(self.vector(1.0));
+        let x = normalised(cross(z, self.vector(1.0)));
+        [x, cross(z, x), z]
+    }
+
+    fn inertia(&mut self, mass: f64) -> Inertia {
+        let moment = 0.004 * mass;
+        let off = |noise: &mut Self| 0.2 * moment * noise.next();
+        Inertia {
+            mass,
+            com: self.vector(0.05),
+            tensor: [moment, 1.2 * moment, 1.1 * moment, off(self), off(self), off(self)],
+            compensated: 0.3 * mass,
+            compensated_com: self.vector(0.03),
+        }
+    }
+
+    fn softness(&mut self, power: u8) -> Softness {
+        Softness {
+            stiffness: 2500.0,
+            damping: 100.0 + 5.0 * self.next(),
+            impedance: [0.9, 0.95],
+            width: 0.01,
+            midpoint: 0.4,
+            power,
+        }
+    }
+}
+
+fn link(noise: &mut Noise, dof: usize, actuator: Option<usize>) -> Link {
+    Link {
+        offset: noise.vector(0.2),
+        axes: noise.axes(),
+        zero: 0.1 * noise.next(),
+        inertia: noise.inertia(0.4),
+        armature: 0.02,
+        damping: 0.3,
+        stiffness: 1.5,
+        spring_reference: 0.2 * noise.next(),
+        friction_loss: 0.2,
+        friction_softness: noise.softness(2),
+        actuator_range: [-2.0, 2.0],
+        range: [-0.4, 0.5],
+        margin: 0.02,
+        limit: noise.softness(3),
+        inverse_weight: 3.0,
+        dof,
+        actuator: actuator.map(|index| Actuator {
+            index,
+            gear: 1.3,
+            gain: 12.0,
+            bias: [0.1, -12.0, -0.6],
+            ctrl_range: [-0.6, 0.6],
+            force_range: [-4.0, 4.0],
+        }),
+    }
+}
+
+fn point(
+    noise: &mut Noise,
+    link: Option<(usize, usize)>,
+    surface: Surface,
+    size: Vector,
+    body: usize,
+) -> Point {
+    Point {
+        link,
+        surface,
+        position: noise.vector(0.1),
+        size,
+        tangent: (surface == Surface::Ball && body % 2 == 0).then(|| noise.axes()[0]),
+        margin: 0.001,
+        softness: noise.softness(if link.is_none() { 1 } else { 2 }),
+        dimensions: 3,
+        friction: [0.8, 0.005, 0.0001],
+        inverse_weight: 1.5,
+        body,
+        touch: link.map(|(limb, _)| limb),
+    }
+}
+
+/// A robot of three limbs with three, two and one joints, all features, and points of every kind.
+fn robot(integrator: Integrator, seed: u64) -> Model {
+    let noise = &mut Noise(seed);
+    let mut dof = 6;
+    let limbs: Vec<Vec<Link>> = [3, 2, 1]
+        .into_iter()
+        .map(|joints| {
+            (0..joints)
+                .map(|_| {
+                    dof += 1;
+                    link(noise, dof - 1, (dof != 9).then_some(dof - 7))
+                })
+                .collect()
+        })
+        .collect();
+    let cylinder = noise.axes();
+    let mut points: Vec<Point> = (0..4)
+        .map(|_| {
+            let way = noise.vector(1.0);
+            point(noise, None, Surface::Corner, way, 1)
+        })
+        .collect();
+    points.push(point(noise, None, Surface::Ball, [0.1, 0.0, 0.0], 2));
+    let center = noise.vector(0.1);
+    for place in [RimPlace::Lowest, RimPlace::OtherEnd, RimPlace::Left, RimPlace::Right] {
+        let surface = Surface::Rim { axes: cylinder, place };
+        let rim = point(noise, Some((0, 1)), surface, [0.05, 0.12, 0.0], 3);
+        points.push(Point { position: center, ..rim });
+    }
+    let axes = noise.axes();
+    points.push(point(noise, Some((1, 1)), Surface::Ellipsoid { axes }, [0.05, 0.09, 0.12], 4));
+    points.push(point(noise, Some((0, 2)), Surface::Ball, [0.06, 0.0, 0.0], 5));
+    points.push(point(noise, Some((2, 0)), Surface::Ball, [0.06, 0.0, 0.0], 6));
+    Model {
+        timestep: 0.004,
+        integrator,
+        cone: Cone::Pyramidal,
+        impedance_ratio: 1.0,
+        gravity: [0.4, -0.3, -9.7],
+        floor: 0.05,
+        mean_inertia: 0.5,
+        root: noise.inertia(3.0),
+        root_armature: 0.1,
+        root_damping: 0.2,
+        limbs,
+        points,
+        bodies: 7,
+        touch_sensors: 3,
+        actuators: 6,
+    }
+}
+
+/// A damaged robot: all that a class may change.
+fn damaged(healthy: &Model) -> Model {
+    let mut model = healthy.clone();
+    for link in model.limbs.iter_mut().flatten() {
+        link.inertia.mass *= 0.7;
+        link.damping *= 2.0;
+        link.range = [-0.05, 0.05];
+        if let Some(actuator) = &mut link.actuator {
+            actuator.gain *= 0.5;
+        }
+    }
+    for point in &mut model.points {
+        point.friction[0] *= 0.5;
+        point.size = point.size.map(|size| 0.9 * size);
+    }
+    model
+}
+
+const WORLDS: usize = 21;
+
+/// What a world shows.
+#[derive(Default, Clone, PartialEq, Debug)]
+struct Shown(Vec<f64>);
+
+fn place(worlds: &mut dyn WorldAccess, lane: usize, model: &Model, world: usize) {
+    let noise = &mut Noise(77 + 1000 * world as u64);
+    let dofs = model.dofs();
+    let mut qpos = vec![0.0; dofs + 1];
+    qpos.iter_mut().for_each(|x| *x = 0.6 * noise.next());
+    qpos[2] = 0.25 + 0.15 * noise.next();
+    let qvel: Vec<f64> = (0..dofs).map(|_| 2.0 * noise.next()).collect();
+    let ctrl: Vec<f64> = (0..model.actuators).map(|_| noise.next()).collect();
+    worlds.set_state(lane, &qpos, &qvel);
+    worlds.set_ctrl(lane, &ctrl);
+    worlds.add_root_velocity(lane, [0.1, 0.2, -0.1, 0.3, 0.1, -0.2]);
+    match world % 3 {
+        0 => worlds.set_class(lane, 0),
+        1 => worlds.set_class(lane, 1),
+        _ => {
+            let mut varied = model.clone();
+            varied.gravity = [0.0, 0.5, -9.0 - 0.1 * world as f64];
+            worlds.set_model(lane, &varied);
+        }
+    }
+}
+
+fn show(worlds: &dyn WorldAccess, lane: usize, model: &Model) -> Shown {
+    let dofs = model.dofs();
+    let mut qpos = vec![0.0; dofs + 1];
+    let [mut qvel, mut qacc] = [vec![0.0; dofs], vec![0.0; dofs]];
+    let mut cfrc_ext = vec![0.0; 6 * model.bodies];
+    let mut touch = vec![0.0; model.touch_sensors];
+    let mut forces = vec![0.0; model.actuators];
+    worlds.accelerations(lane, &mut qacc);
+    worlds.actuator_forces(lane, &mut forces);
+    worlds
+        .read(lane, Readout { qpos: &mut qpos, qvel: &mut qvel, cfrc_ext: &mut cfrc_ext, touch: &mut touch });
+    Shown([qpos, qvel, qacc, cfrc_ext, touch, forces, vec![worlds.evaluated_x(lane)]].concat())
+}
+
+/// All worlds after an evaluation and after an env step, with the lane engine and with the kernel.
+fn compare(integrator: Integrator, precision: Precision, device: &Device) -> Vec<(Shown, Shown)> {
+    let healthy = robot(integrator, 0x9E37_79B9_7F4A_7C15);
+    let classes = vec![healthy.clone(), damaged(&healthy)];
+    let lanes = dappo_lanes::Engine::new(classes.clone(), Precision::F64, Simd::Portable).unwrap();
+    let engine = Engine::new(&classes, precision, device, WORLDS).unwrap();
+    let mut groups = engine.groups(8);
+    let mut pairs = Vec::new();
+    for substeps in [0, 5] {
+        for world in 0..WORLDS {
+            place(&mut groups[world / 8], world % 8, &healthy, world);
+        }
+        let mut all: Vec<_> = groups.iter_mut().map(|group| (group, u32::MAX)).collect();
+        match substeps {
+            0 => engine.forward(&mut all).unwrap(),
+            _ => engine.step(&mut all, substeps).unwrap(),
+        }
+        for world in 0..WORLDS {
+            let mut group = lanes.group();
+            place(group.as_mut(), 0, &healthy, world);
+            match substeps {
+                0 => group.forward(1),
+                _ => group.step(1, substeps),
+            }
+            let shown = show(&groups[world / 8], world % 8, &healthy);
+            let expected = show(group.as_ref(), 0, &healthy);
+            pairs.push((shown, expected));
+        }
+    }
+    pairs
+}
+
+fn device() -> Option<Device> {
+    match Device::allowing(true) {
+        Ok(device) => Some(device),
+        Err(error) => {
+            eprintln!("skipped: {error}");
+            None
+        }
+    }
+}
+
+/// Largest error of a world, max|Δ| / (1 + max|expected|).
+fn worst(pairs: &[(Shown, Shown)]) -> f64 {
+    let size = |numbers: &[f64]| numbers.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let error = |(got, expected): &(Shown, Shown)| {
+        let gaps = got.0.iter().zip(&expected.0).map(|(a, b)| (a - b).abs());
+        gaps.fold(0.0, |most: f64, gap| if gap.is_nan() { f64::INFINITY } else { most.max(gap) })
+            / (1.0 + size(&expected.0))
+    };
+    pairs.iter().map(error).fold(0.0, f64::max)
+}
+
+/// Robots with every feature move as with the lane engine.
+fn moves_alike(integrator: Integrator, precision: Precision, tolerance: f64) {
+    let Some(device) = device() else { return };
+    let pairs = compare(integrator, precision, &device);
+    eprintln!("{integrator:?} {precision:?}: largest error {:.1e}", worst(&pairs));
+    assert!(worst(&pairs) < tolerance);
+    let pushed = pairs.iter().filter(|(_, expected)| expected.0.iter().any(|x| x.abs() > 20.0));
+    assert!(pushed.count() > WORLDS / 2);
+}
+
+#[test]
+fn rk4_moves_robots_as_with_the_lane_engine() {
+    for rotation_correction in [true, false] {
+        moves_alike(Integrator::Rk4 { rotation_correction }, Precision::F64, 1e-10);
+    }
+}
+
+#[test]
+fn euler_moves_robots_as_with_the_lane_engine() {
+    for implicit_damping in [true, false] {
+        moves_alike(Integrator::Euler { implicit_damping }, Precision::F64, 1e-10);
+    }
+}
+
+#[test]
+fn implicitfast_moves_robots_as_with_the_lane_engine() {
+    for clamped_without_derivative in [true, false] {
+        moves_alike(Integrator::ImplicitFast { clamped_without_derivative }, Precision::F64, 1e-10);
+    }
+}
+
+#[test]
+fn single_precision_keeps_its_digits() {
+    moves_alike(Integrator::ImplicitFast { clamped_without_derivative: true }, Precision::F32, 1e-4);
+}
+
+#[test]
+fn robots_beyond_the_kernel_are_refused_with_all_reasons() {
+    let Some(device) = device() else { return };
+    let mut model = robot(Integrator::Rk4 { rotation_correction: true }, 5);
+    model.cone = Cone::Elliptic;
+    model.points[0].dimensions = 6;
+    let reasons = match Engine::new(&[model], Precision::F32, &device, 1) {
+        Err(Error::Unsupported(reasons)) => reasons,
+        other => panic!("{:?}", other.err()),
+    };
+    assert!(reasons.iter().any(|why| why.contains("elliptic")), "{reasons:?}");
+    assert!(reasons.iter().any(|why| why.contains("condim 6")), "{reasons:?}");
+}
