@@ -218,7 +218,7 @@ def go1(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_the_run_of_a_go1_has_what_its_report_shows(go1: Path) -> None:
     run = load_run(go1)
-    names = {"go1-training-tracking", "go1-training-evaluation-tracking", "go1-classes-1", "go1-groups"}
+    names = {"go1-training-tracking", "go1-training-evaluation-tracking", "go1-classes", "go1-groups"}
     with style():
         found = pictures(sections(read([go1]), with_strips=False))
     assert names <= found.keys()
