@@ -1,6 +1,7 @@
 //! The kernel compared with the lane engine, which is compared with MuJoCo: robots that have every feature at once,
 //! as no robot of the package has. Without any device, software Vulkan included, the tests say so and end.
 #![cfg(feature = "wgpu")]
+#![allow(clippy::unwrap_used, reason = "helpers of a test may fail loudly, as tests do")]
 
 use dappo_gpu::{Device, Engine, Error};
 use dappo_lanes::model::{
@@ -99,7 +100,7 @@ fn point(
         surface,
         position: noise.vector(0.1),
         size,
-        tangent: (surface == Surface::Ball && body % 2 == 0).then(|| noise.axes()[0]),
+        tangent: (surface == Surface::Ball && body.is_multiple_of(2)).then(|| noise.axes()[0]),
         margin: 0.001,
         softness: noise.softness(if link.is_none() { 1 } else { 2 }),
         dimensions: 3,
