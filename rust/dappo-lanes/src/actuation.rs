@@ -1,9 +1,10 @@
 //! Forces of motors, servos, joint damping and springs.
 //! (Documentation: Computation, "Actuation model" and "Passive forces".)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::lane::Lane;
 use crate::model::Integrator;
+use crate::skeleton::Skeleton;
 
 /// Forces on the joints, and how they fall with velocity.
 pub struct Actuation<T, const L: usize, const J: usize> {

@@ -1,12 +1,13 @@
 //! Bias forces: what gravity and velocities alone demand of every coordinate (recursive Newton–Euler).
 //! (Documentation: Computation, "General framework"; `qfrc_bias`.)
 
-use crate::constants::{Body, Constants, Skeleton};
+use crate::constants::{Body, Constants};
 use crate::coords::Coords;
 use crate::inertia::Tensors;
 use crate::kinematics::Kinematics;
 use crate::lane::Lane;
 use crate::math::{Axes, Vec3, add, cross, dot, rotate, scale, scale_add, sub, sym_mul, zero3};
+use crate::skeleton::Skeleton;
 
 /// Rotation and acceleration of a frame, seen from the root's origin moving along with it.
 #[derive(Clone, Copy)]

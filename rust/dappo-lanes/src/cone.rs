@@ -2,7 +2,7 @@
 //! and torsional and rolling friction. (Documentation: Computation, "Constraint solver", primal problem, and
 //! "Contact", friction cones.)
 
-use crate::constants::{Carrier, PointConstants};
+use crate::constants::PointConstants;
 use crate::contact::Contact;
 use crate::coords::Coords;
 use crate::kinematics::Kinematics;
@@ -10,6 +10,7 @@ use crate::lane::Lane;
 use crate::math::{Axes, Vec3, dot, rotate, scale, scale_add, sub, unrotate, zero3};
 use crate::model::Cone;
 use crate::pyramid::{self, Push, pushing};
+use crate::skeleton::Carrier;
 
 /// A contact with the solver's numbers about it.
 ///

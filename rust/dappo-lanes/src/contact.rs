@@ -2,7 +2,7 @@
 //! (Documentation: Computation, "Constraint model", contacts.)
 
 use crate::cone::ConeContact;
-use crate::constants::{Carrier, Constants, PointConstants, Shape, Skeleton};
+use crate::constants::{Constants, PointConstants};
 use crate::coords::Coords;
 use crate::kinematics::Kinematics;
 use crate::lane::{Lane, Mask};
@@ -11,6 +11,7 @@ use crate::math::{
 };
 use crate::model::RimPlace;
 use crate::pyramid::Pyramid;
+use crate::skeleton::{Carrier, Shape, Skeleton};
 
 /// The contacts of an evaluation, each kind in the order of the points.
 pub struct Contacts<T: Lane, const J: usize> {

@@ -1,8 +1,9 @@
 //! Dry friction of joints: constraints whose force is limited on both sides.
 //! (Documentation: Computation, "Constraint model", friction loss.)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::lane::{Lane, Mask};
+use crate::skeleton::Skeleton;
 
 /// Dry friction of all joints that have it in some lane.
 pub struct DryFriction<T: Lane> {

@@ -4,7 +4,7 @@
 use crate::actuation::{Actuation, actuation};
 use crate::arrow::Arrow;
 use crate::bias::bias;
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::contact::Contacts;
 use crate::coords::Coords;
 use crate::dry_friction::DryFriction;
@@ -14,6 +14,7 @@ use crate::lane::{Lane, Mask};
 use crate::limit::Limits;
 use crate::math::{Vec3, unrotate, zero3};
 use crate::model::Cone;
+use crate::skeleton::Skeleton;
 use crate::solver::Problem;
 use crate::state::State;
 

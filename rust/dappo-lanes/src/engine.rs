@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, Mutex};
 
-use crate::constants::Skeleton;
 use crate::error::Unsupported;
 use crate::group::Group;
 use crate::lane::Lane;
@@ -12,6 +11,7 @@ use crate::lane::portable;
 #[cfg(target_arch = "x86_64")]
 use crate::lane::{avx2, avx512};
 use crate::model::Model;
+use crate::skeleton::Skeleton;
 use crate::worlds::{Robot, Worlds};
 
 /// Floating-point format of the simulation.

@@ -1,10 +1,10 @@
 //! What contacts do to bodies and touch sensors.
 
-use crate::constants::Skeleton;
 use crate::contact::Contacts;
 use crate::dynamics::Dynamics;
 use crate::lane::Lane;
 use crate::math::Vec3;
+use crate::skeleton::Skeleton;
 
 /// Forces of one evaluation.
 pub struct Forces<T> {

@@ -1,12 +1,13 @@
 //! Substeps: Runge–Kutta of order 4, semi-implicit Euler and implicitfast.
 //! (Documentation: Computation, "Numerical integration".)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::coords::Coords;
 use crate::dynamics::Dynamics;
 use crate::lane::{Lane, Mask};
 use crate::math::{Vec3, cross, dot, polynomial, quat_mul, quat_normalize, scale, scale_add, sin_cos};
 use crate::model::Integrator;
+use crate::skeleton::Skeleton;
 use crate::state::{Position, State};
 
 /// Everything a substep reads, and its last evaluation.

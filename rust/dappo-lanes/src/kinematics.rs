@@ -1,12 +1,13 @@
 //! Where everything is: frames, anchors and centres of mass, along the world's axes and from the root's
 //! origin. (Documentation: Computation, "Kinematic tree".)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::coords::Coords;
 use crate::lane::Lane;
 use crate::math::{
     Axes, Vec3, add, cross, quat_axes, quat_normalize, rotate, scale, scale_add, sin_cos, sub, turned, zero3,
 };
+use crate::skeleton::Skeleton;
 use crate::state::Position;
 
 /// The frames of all links.

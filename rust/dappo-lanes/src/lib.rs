@@ -41,11 +41,12 @@ mod group;
 mod lane;
 mod math;
 pub mod model;
+mod skeleton;
 mod state;
 mod worlds;
 
-pub use constants::difference;
 pub use engine::{Engine, Precision, Simd};
 pub use error::Unsupported;
 pub use group::{Group, Readout, WorldAccess};
 pub use model::Model;
+pub use skeleton::difference;

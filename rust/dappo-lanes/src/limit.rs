@@ -1,8 +1,9 @@
 //! Joint limits as one-sided soft constraints.
 //! (Documentation: Computation, "Constraint model", limits.)
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::lane::{Lane, Mask};
+use crate::skeleton::Skeleton;
 
 /// The limits of all joints. A joint is near at most one of its two limits.
 pub struct Limits<T: Lane, const L: usize, const J: usize> {

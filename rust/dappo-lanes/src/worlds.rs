@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::constants::{Constants, Skeleton};
+use crate::constants::Constants;
 use crate::coords::Coords;
 use crate::dynamics::Dynamics;
 use crate::forces::Forces;
@@ -10,6 +10,7 @@ use crate::group::{Group, Readout, WorldAccess};
 use crate::integrate::{Observer, Substep};
 use crate::lane::{Lane, Mask};
 use crate::model::Model;
+use crate::skeleton::Skeleton;
 use crate::state::{Position, State};
 
 /// What all groups of an engine share.
