@@ -29,10 +29,12 @@ FEATURES = [
     "free joint",
     "gravity compensation",
     "gravity on a slope",
+    "hinges of one body",
     "impratio",
     "shapes",
     "softness",
     "springs",
+    "trunk",
     "unequal limbs",
     "unread sensors",
 ]
@@ -61,7 +63,7 @@ LIMB = """
 name = "limb_{limb}"
 body = "{body}"
 joints = ["joint_{limb}_0"]
-toe_geom = "geom_{limb}_{last}"
+toe_geom = "{toe}"
 touch = "touch_{limb}"
 touch_site = "site_{limb}"
 """
@@ -149,8 +151,10 @@ class _RandomRobot:
             free.set("damping", f"{rng.uniform(0, 2)}")
         self.geom(root, "geom_root")
         self.geom(self.body(root, "load", 0.1), "geom_load")
-        limbs = [self.limb(root, limb, joints) for limb, joints in enumerate(lengths)]
-        self.toml = ROBOT.format(limbs="".join(limbs))
+        self.links: dict[tuple[int, int], Element] = {}
+        limbs = [self.limb(self.carrier(root, limb, lengths), limb, joints) for limb, joints in enumerate(lengths)]
+        # What a limb of the robot TOML carries is a part of it, so that a trunk is none.
+        self.toml = ROBOT.format(limbs="".join(limbs[1:] if "trunk" in features else limbs))
         if "unread sensors" in features:
             _add(root, "site", name="imu")
             _add(self.sensors, "gyro", site="imu", cutoff="0.5")
@@ -191,22 +195,37 @@ class _RandomRobot:
             for key, value in SOFTNESSES[rng.integers(4)].items():
                 geom.set(key, value)
 
-    def limb(self, root: Element, limb: int, joints: int) -> str:
-        """Add a limb, on a mount of its own or on the root; return its section of the robot TOML."""
-        first, body = f"link_{limb}_0", root
+    def carrier(self, root: Element, limb: int, lengths: list[int]) -> Element:
+        """Return what a limb hangs on: the root, or the first limb where it is a trunk."""
+        if "trunk" not in self.features or limb == 0:
+            return root
+        last = lengths[0] - 1
+        # Two limbs at its end, so that it is not a part of one of them.
+        link = last if limb < 3 else int(self.rng.integers(-1, last + 1))
+        return root if link < 0 else self.links[0, link]
+
+    def limb(self, carrier: Element, limb: int, joints: int) -> str:
+        """Add a limb, on a mount of its own or on its carrier; return its section of the robot TOML."""
+        first, body = f"link_{limb}_0", carrier
         if self.rng.random() < 0.4:
             first = f"mount_{limb}"
-            body = self.body(root, first, 0.2)
+            body = self.body(carrier, first, 0.2)
             self.geom(body, f"geom_mount_{limb}")
+        geom = ""
         for joint in range(joints):
-            body = self.body(body, f"link_{limb}_{joint}", 0.15)
+            if joint > 0 and "hinges of one body" in self.features and self.rng.random() < 0.5:
+                self.links[limb, joint] = body
+                self.hinge(body, f"joint_{limb}_{joint}")
+                continue
+            body = self.links[limb, joint] = self.body(body, f"link_{limb}_{joint}", 0.15)
             self.hinge(body, f"joint_{limb}_{joint}")
-            self.geom(body, f"geom_{limb}_{joint}")
+            geom = f"geom_{limb}_{joint}"
+            self.geom(body, geom)
             if self.rng.random() < 0.3:
                 self.geom(self.body(body, f"load_{limb}_{joint}", 0.1), f"geom_load_{limb}_{joint}")
         _add(body, "site", name=f"site_{limb}", type="sphere", size=0.3)
         _add(self.sensors, "touch", name=f"touch_{limb}", site=f"site_{limb}")
-        return LIMB.format(limb=limb, body=first, last=joints - 1)
+        return LIMB.format(limb=limb, body=first, toe=geom)
 
     def hinge(self, body: Element, name: str) -> None:
         """Add a hinge, mostly with limits, and mostly with a motor or a servo."""
@@ -286,7 +305,10 @@ def _check(folder: Path, robot: _RandomRobot) -> None:
 
 
 def _lengths(rng: np.random.Generator, features: Collection[str]) -> list[int]:
-    """Return the number of joints of each limb."""
+    """Return the number of joints of each limb, with that of the trunk first."""
+    if "trunk" in features:
+        trunk, limbs = rng.integers(1, 4), rng.integers(2, 6)
+        return [int(trunk), *rng.integers(1, 8, limbs).tolist()]
     if "unequal limbs" in features:
         return rng.integers(1, 4, rng.integers(2, 7)).tolist()  # type: ignore[no-any-return]
     limbs, joints = SHAPES[rng.integers(len(SHAPES))]

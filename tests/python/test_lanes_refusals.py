@@ -57,6 +57,12 @@ def joint(text: str) -> tuple[str, str]:
     return KNEE, KNEE.replace("/>", f" {text}/>")
 
 
+def fork(limb: str) -> tuple[str, str]:
+    """Hang a second lower part on a limb."""
+    joint = f'<joint name="{limb}_knee" axis="0 1 0"/>'
+    return joint, f'{joint}<geom size="0.02 0.02"/></body><body><joint axis="0 1 0"/>'
+
+
 def actuator(text: str) -> tuple[str, str]:
     return ACTUATORS, f"{text}{ACTUATORS}"
 
@@ -84,13 +90,17 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
         ((KNEE, '<joint name="north_knee" type="ball" range="0 0.6"/>'), NO_KNEE_SERVO),
         "is not a hinge",
     ),
-    "two joints a body": (
-        ((KNEE, f'{KNEE}<joint axis="0 0 1"/>'),),
-        "body `north_lower` moves by 2 joints",
+    "slide joint next to a hinge": (
+        ((KNEE, f'{KNEE}<joint name="piston" type="slide" axis="0 0 1"/>'),),
+        "joint `piston` is not a hinge",
     ),
-    "branching limb": (
-        ((KNEE, f'{KNEE}<geom size="0.02 0.02"/></body><body name="fork"><joint axis="0 1 0"/>'),),
-        "a limb branches: body `north_lower` and body `fork`",
+    "two limbs that branch": (
+        (fork("north"), fork("west")),
+        "its limbs branch at body `north` and at body `west`, neither of which carries the other",
+    ),
+    "trunk of many joints": (
+        (fork("north"), ('<joint name="north_lift"', 3 * '<joint axis="1 0 0"/>' + '<joint name="north_lift"')),
+        "it has a trunk of 4 joints and 4 other limbs of up to 2",
     ),
     "limb of many joints": (
         (

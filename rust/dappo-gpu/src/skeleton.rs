@@ -124,6 +124,9 @@ fn refusals(classes: &[Model], lanes: usize, joints: usize) -> Vec<String> {
              {MAX_JOINTS} joints"
         ));
     }
+    if model.trunk_joints() > 0 {
+        reasons.push("limbs hang on another limb, its trunk; on the GPU engine all hang on the root".into());
+    }
     if model.cone == Cone::Elliptic {
         reasons.push("its friction cones are elliptic; the GPU engine has pyramidal ones".into());
     }

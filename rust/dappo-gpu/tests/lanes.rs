@@ -155,6 +155,7 @@ fn robot(integrator: Integrator, seed: u64) -> Model {
         root: noise.inertia(3.0),
         root_armature: 0.1,
         root_damping: 0.2,
+        parents: vec![None; limbs.len()],
         limbs,
         points,
         bodies: 7,

@@ -1,23 +1,30 @@
-//! Arrow matrices: symmetric matrices over [`Coords`] in which limbs couple with the root but not with each
-//! other. The mass matrix has this form, and floor contacts and joint limits keep it.
+//! Arrow matrices: symmetric matrices over [`Coords`] in which limbs couple with the root and with the trunk, but
+//! not with each other. The mass matrix has this form, and floor contacts and joint limits keep it.
 
 use crate::coords::Coords;
 use crate::lane::Lane;
 
-/// A symmetric matrix: the root's 6 × 6 block, and for each joint its coupling with the root and with the
-/// joints of its limb. Only the lower triangles of the blocks are used.
+/// A symmetric matrix: the root's 6 × 6 block, and for each joint its coupling with the root, with the joints of
+/// the trunk (limb 0) and with those of its limb. Only the lower triangles of the blocks are used.
 #[derive(Clone, Copy)]
-pub struct Arrow<T, const L: usize, const J: usize> {
+pub struct Arrow<T, const L: usize, const J: usize, const W: usize> {
     pub root: [[T; 6]; 6],
     pub coupling: [[[T; 6]; J]; L],
+    /// 0 for the trunk itself.
+    pub trunk: [[[T; W]; J]; L],
     pub limbs: [[[T; J]; J]; L],
 }
 
-impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Arrow<T, L, J, W> {
     #[inline(always)]
     pub fn zero() -> Self {
         let zero = T::zero();
-        Self { root: [[zero; 6]; 6], coupling: [[[zero; 6]; J]; L], limbs: [[[zero; J]; J]; L] }
+        Self {
+            root: [[zero; 6]; 6],
+            coupling: [[[zero; 6]; J]; L],
+            trunk: [[[zero; W]; J]; L],
+            limbs: [[[zero; J]; J]; L],
+        }
     }
 
     /// The matrix times a vector.
@@ -42,6 +49,12 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                     let entry = self.limbs[limb][joint.max(other)][joint.min(other)];
                     sum = entry.mul_add(x.limbs[limb][other], sum);
                 }
+                // The trunk is the first limb, so that its sums are there already.
+                for i in 0..W {
+                    let entry = self.trunk[limb][joint][i];
+                    y.limbs[0][i] = entry.mul_add(x.limbs[limb][joint], y.limbs[0][i]);
+                    sum = entry.mul_add(x.limbs[0][i], sum);
+                }
                 y.limbs[limb][joint] = sum;
             }
         }
@@ -51,11 +64,11 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
     /// Solves matrix · x = right for a positive definite matrix, which its factorisation replaces; `x` comes as
     /// the right side.
     ///
-    /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards and then the root, as
-    /// MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
+    /// L D Lᵀ, which eliminates the joints of each limb from the outermost inwards, the trunk last, and then the
+    /// root, as MuJoCo does (documentation: Computation, "General framework"): no zero of the arrow fills up.
     #[inline(always)]
     pub fn solve(&mut self, x: &mut Coords<T, L, J>) {
-        for limb in 0..L {
+        for limb in (0..L).rev() {
             self.eliminate(limb, x);
         }
         self.substitute(x);
@@ -81,13 +94,18 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
             for i in 0..6 {
                 self.coupling[limb][joint][i] = other.coupling[limb][joint][i];
             }
+            for i in 0..W {
+                self.trunk[limb][joint][i] = other.trunk[limb][joint][i];
+            }
         }
     }
 
-    /// Eliminates the joints of a limb. The root's block and its right side may still be incomplete.
+    /// Eliminates the joints of a limb. The blocks of the root and of the trunk and their right sides may still be
+    /// incomplete.
     #[inline(always)]
     pub fn eliminate(&mut self, limb: usize, x: &mut Coords<T, L, J>) {
-        let (root, block, coupling) = (&mut self.root, &mut self.limbs[limb], &mut self.coupling[limb]);
+        let (block, coupling) = (&mut self.limbs[limb], &mut self.coupling[limb]);
+        let trunk = &mut self.trunk[limb];
         let y = &mut x.limbs[limb];
         for joint in (0..J).rev() {
             let inverse = T::of(1.0) / block[joint][joint];
@@ -100,11 +118,51 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                 for i in 0..6 {
                     coupling[inner][i] = factor.neg_mul_add(coupling[joint][i], coupling[inner][i]);
                 }
+                for i in 0..W {
+                    trunk[inner][i] = factor.neg_mul_add(trunk[joint][i], trunk[inner][i]);
+                }
                 y[inner] = factor.neg_mul_add(y[joint], y[inner]);
             }
         }
+        if W > 0 && limb > 0 {
+            self.reduce_trunk(limb, x);
+        }
+        self.reduce_root(limb, x);
+    }
+
+    /// Changes the trunk's block, its coupling with the root and its right side by what a limb that has been
+    /// eliminated leaves.
+    #[inline(always)]
+    fn reduce_trunk(&mut self, limb: usize, x: &mut Coords<T, L, J>) {
+        let ([trunk_block, ..], blocks) = self.limbs.split_at_mut(1) else { return };
+        let ([trunk_coupling, ..], couplings) = self.coupling.split_at_mut(1) else { return };
+        let (block, coupling, own) = (&blocks[limb - 1], &couplings[limb - 1], &self.trunk[limb]);
+        let y = x.limbs[limb];
+        for i in 0..W {
+            let mut factors = [T::zero(); J];
+            for joint in 0..J {
+                factors[joint] = own[joint][i] * block[joint][joint];
+                x.limbs[0][i] = factors[joint].neg_mul_add(y[joint], x.limbs[0][i]);
+            }
+            for j in 0..i + 1 {
+                for joint in 0..J {
+                    trunk_block[i][j] = factors[joint].neg_mul_add(own[joint][j], trunk_block[i][j]);
+                }
+            }
+            for j in 0..6 {
+                for joint in 0..J {
+                    trunk_coupling[i][j] = factors[joint].neg_mul_add(coupling[joint][j], trunk_coupling[i][j]);
+                }
+            }
+        }
+    }
+
+    /// Changes the root's block and its right side by what a limb that has been eliminated leaves.
+    #[inline(always)]
+    fn reduce_root(&mut self, limb: usize, x: &mut Coords<T, L, J>) {
+        let (root, block, coupling) = (&mut self.root, &self.limbs[limb], &self.coupling[limb]);
         // All joints at once, so that every entry of the root is loaded and stored only once.
-        let y = *y;
+        let y = x.limbs[limb];
         for i in 0..6 {
             let mut factors = [T::zero(); J];
             for joint in 0..J {
@@ -130,6 +188,9 @@ impl<T: Lane, const L: usize, const J: usize> Arrow<T, L, J> {
                 let mut sum = x.limbs[limb][joint];
                 for i in 0..6 {
                     sum = self.coupling[limb][joint][i].neg_mul_add(x.root[i], sum);
+                }
+                for i in 0..W {
+                    sum = self.trunk[limb][joint][i].neg_mul_add(x.limbs[0][i], sum);
                 }
                 for inner in 0..joint {
                     sum = self.limbs[limb][joint][inner].neg_mul_add(x.limbs[limb][inner], sum);

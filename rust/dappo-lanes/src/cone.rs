@@ -18,8 +18,8 @@ use crate::skeleton::Carrier;
 /// about each of n, t₁ and t₂, scaled by the coefficients of torsional and rolling friction. Those about the
 /// axes matter only with such friction.
 #[derive(Clone, Copy)]
-pub struct ConeContact<T: Lane, const J: usize> {
-    pub contact: Contact<T, J>,
+pub struct ConeContact<T: Lane, const J: usize, const W: usize> {
+    pub contact: Contact<T, J, W>,
     /// Coefficient of torsional friction, and that of rolling friction over μ.
     turning: [T; 2],
     cone: Cone,
@@ -76,11 +76,11 @@ struct Ellipse<T> {
     unit: T,
 }
 
-impl<T: Lane, const J: usize> ConeContact<T, J> {
+impl<T: Lane, const J: usize, const W: usize> ConeContact<T, J, W> {
     /// A contact of a point.
     #[inline(always)]
     pub fn new<const L: usize>(
-        contact: Contact<T, J>,
+        contact: Contact<T, J, W>,
         carrier: &Carrier<T>,
         point: &PointConstants<T>,
         kinematics: &Kinematics<T, L, J>,
@@ -124,6 +124,9 @@ impl<T: Lane, const J: usize> ConeContact<T, J> {
         if let Some((limb, joints)) = self.contact.limb {
             for joint in 0..joints {
                 angular = scale_add(kinematics.links[limb][joint].hinge(), x.limbs[limb][joint], angular);
+            }
+            for joint in 0..self.contact.trunk_joints.min(W) {
+                angular = scale_add(kinematics.links[0][joint].hinge(), x.limbs[0][joint], angular);
             }
         }
         unrotate(&self.turning_axes(), angular)

@@ -4,7 +4,7 @@
 use crate::cone::ConeContact;
 use crate::constants::{Constants, PointConstants};
 use crate::coords::Coords;
-use crate::kinematics::Kinematics;
+use crate::kinematics::{Kinematics, LinkPose};
 use crate::lane::{Lane, Mask};
 use crate::math::{
     Axes, Vec3, add, cross, dot, negate, rotate, scale, scale_add, splat3, sub, turned, zero3,
@@ -14,18 +14,18 @@ use crate::pyramid::Pyramid;
 use crate::skeleton::{Carrier, Shape, Skeleton};
 
 /// The contacts of an evaluation, each kind in the order of the points.
-pub struct Contacts<T: Lane, const J: usize> {
+pub struct Contacts<T: Lane, const J: usize, const W: usize> {
     /// Contacts with sliding friction in a pyramid, the only ones of most robots.
-    pub pyramids: Vec<Pyramid<T, J>>,
+    pub pyramids: Vec<Pyramid<T, J, W>>,
     /// The others.
-    pub cones: Vec<ConeContact<T, J>>,
+    pub cones: Vec<ConeContact<T, J, W>>,
     /// The pyramids of the evaluation before.
-    before: Vec<Pyramid<T, J>>,
+    before: Vec<Pyramid<T, J, W>>,
 }
 
 /// Where a point touches the floor in some lane, and how that moves with the robot.
 #[derive(Clone, Copy)]
-pub struct Contact<T: Lane, const J: usize> {
+pub struct Contact<T: Lane, const J: usize, const W: usize> {
     /// Index of the point.
     pub point: usize,
     /// Limb of the point, and how many of its joints move the point.
@@ -36,13 +36,17 @@ pub struct Contact<T: Lane, const J: usize> {
     pub tangent: [T; 2],
     /// Velocity of the contact when each joint of the limb turns with 1 rad/s.
     pub columns: [Vec3<T>; J],
+    /// How many joints of the trunk move the limb.
+    pub trunk_joints: usize,
+    /// Velocity of the contact when each of them turns with 1 rad/s.
+    pub trunk_columns: [Vec3<T>; W],
     /// 1/R of the normal or of every edge, and 0 in lanes without the contact.
     pub weight: T,
     /// Reference acceleration along n, μ t₁ and μ t₂.
     pub reference: Vec3<T>,
 }
 
-impl<T: Lane, const J: usize> Contact<T, J> {
+impl<T: Lane, const J: usize, const W: usize> Contact<T, J, W> {
     /// J x: velocity (or acceleration) of the contact along n, μ t₁, μ t₂.
     #[inline(always)]
     pub fn along<const L: usize>(&self, x: &Coords<T, L, J>) -> Vec3<T> {
@@ -52,12 +56,15 @@ impl<T: Lane, const J: usize> Contact<T, J> {
             for joint in 0..joints {
                 v = scale_add(self.columns[joint], x.limbs[limb][joint], v);
             }
+            for joint in 0..self.trunk_joints.min(W) {
+                v = scale_add(self.trunk_columns[joint], x.limbs[0][joint], v);
+            }
         }
         let [x, y] = self.tangent;
         [v[2], x.mul_add(v[0], y * v[1]), x.mul_add(v[1], -(y * v[0]))]
     }
 
-    /// Whether the solver adds it together with a limb: its own, or the first one for contacts of the root.
+    /// Whether the solver adds it together with a limb: its own, or limb 0 for contacts of the root.
     #[inline(always)]
     pub fn is_added_with(&self, limb: usize) -> bool {
         self.limb.map_or(0, |(own, _)| own) == limb
@@ -84,7 +91,7 @@ impl<T: Lane, const J: usize> Contact<T, J> {
     }
 }
 
-impl<T: Lane, const J: usize> Contacts<T, J> {
+impl<T: Lane, const J: usize, const W: usize> Contacts<T, J, W> {
     /// Room for the contacts of a robot.
     pub fn new(points: usize) -> Self {
         Self { pyramids: Vec::with_capacity(points), cones: Vec::new(), before: Vec::with_capacity(points) }
@@ -114,12 +121,17 @@ impl<T: Lane, const J: usize> Contacts<T, J> {
             let Some((at, distance, touching)) = place(carrier, point, kinematics, height) else {
                 continue;
             };
+            let trunk_joints = trunk_joints(carrier, skeleton);
             let mut contact = Contact {
                 point: index,
                 limb: carrier.link.map(|(limb, joint)| (limb, joint + 1)),
                 at,
                 tangent: tangent(carrier, point, kinematics),
-                columns: columns(carrier, kinematics, at),
+                columns: carrier
+                    .link
+                    .map_or([zero3(); J], |(limb, last)| columns(&kinematics.links[limb], last + 1, at)),
+                trunk_joints,
+                trunk_columns: columns(&kinematics.links[0], trunk_joints, at),
                 weight: T::zero(),
                 reference: zero3(),
             };
@@ -280,17 +292,22 @@ fn tangent<T: Lane, const L: usize, const J: usize>(
     [T::select(upright, point.friction, along[0] * factor), (along[1] * factor).keep(!upright)]
 }
 
+/// How many joints of the trunk move the limb that carries a point.
 #[inline(always)]
-fn columns<T: Lane, const L: usize, const J: usize>(
+fn trunk_joints<T: Lane, const L: usize, const J: usize>(
     carrier: &Carrier<T>,
-    kinematics: &Kinematics<T, L, J>,
-    at: Vec3<T>,
-) -> [Vec3<T>; J] {
-    let mut columns = [zero3(); J];
-    if let Some((limb, last)) = carrier.link {
-        for joint in 0..last + 1 {
-            columns[joint] = kinematics.links[limb][joint].velocity_at(at);
-        }
+    skeleton: &Skeleton<T, L, J>,
+) -> usize {
+    let parent = carrier.link.and_then(|(limb, _)| skeleton.parents[limb]);
+    parent.map_or(0, |last| last + 1)
+}
+
+/// Velocity of a point when each of the first `count` links turns with 1 rad/s.
+#[inline(always)]
+fn columns<T: Lane, const N: usize>(links: &[LinkPose<T>], count: usize, at: Vec3<T>) -> [Vec3<T>; N] {
+    let mut columns = [zero3(); N];
+    for joint in 0..count.min(N) {
+        columns[joint] = links[joint].velocity_at(at);
     }
     columns
 }
@@ -298,8 +315,8 @@ fn columns<T: Lane, const L: usize, const J: usize>(
 /// Weight and reference acceleration (documentation: Computation, "Constraint model", "Impedance" and
 /// "Reference acceleration").
 #[inline(always)]
-fn soften<T: Lane, const L: usize, const J: usize>(
-    contact: &mut Contact<T, J>,
+fn soften<T: Lane, const L: usize, const J: usize, const W: usize>(
+    contact: &mut Contact<T, J, W>,
     carrier: &Carrier<T>,
     point: &PointConstants<T>,
     distance: T,

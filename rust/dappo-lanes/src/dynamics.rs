@@ -19,25 +19,25 @@ use crate::solver::Problem;
 use crate::state::State;
 
 /// An evaluation of the dynamics. Large, so it is made once and then updated.
-pub struct Dynamics<T: Lane, const L: usize, const J: usize> {
+pub struct Dynamics<T: Lane, const L: usize, const J: usize, const W: usize> {
     pub kinematics: Kinematics<T, L, J>,
     tensors: Tensors<T, L, J>,
     /// Mass matrix; angular entries along the world's axes.
-    mass: Arrow<T, L, J>,
+    mass: Arrow<T, L, J, W>,
     /// Centre of mass of the robot, from the root's origin.
     pub center: Vec3<T>,
     pub actuation: Actuation<T, L, J>,
     /// Contacts with their forces.
-    pub contacts: Contacts<T, J>,
+    pub contacts: Contacts<T, J, W>,
     limits: Limits<T, L, J>,
     dry_friction: DryFriction<T>,
     /// A sum of the mass matrix and others, factorised.
-    work: Arrow<T, L, J>,
+    work: Arrow<T, L, J, W>,
     /// Acceleration; angular entries along the world's axes.
     acceleration: Coords<T, L, J>,
 }
 
-impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Dynamics<T, L, J, W> {
     /// Room for the evaluation of a robot.
     pub fn new(skeleton: &Skeleton<T, L, J>) -> Self {
         Self {
@@ -76,10 +76,10 @@ impl<T: Lane, const L: usize, const J: usize> Dynamics<T, L, J> {
         self.kinematics.update(skeleton, constants, position);
         let velocity = self.kinematics.to_world(&state.velocity);
         self.tensors.update(constants, &self.kinematics);
-        let robot = mass_matrix(constants, &self.kinematics, &self.tensors, &mut self.mass);
+        let robot = mass_matrix(skeleton, constants, &self.kinematics, &self.tensors, &mut self.mass);
         self.center = center(&robot);
 
-        let mut force = bias(skeleton, constants, &self.kinematics, &self.tensors, &velocity);
+        let mut force = bias::<T, L, J, W>(skeleton, constants, &self.kinematics, &self.tensors, &velocity);
         force.negate(!T::Mask::none());
         self.actuation = actuation(skeleton, constants, &position.joints, &velocity.limbs, ctrl);
         for limb in 0..L {

@@ -140,24 +140,32 @@ impl Engine {
     fn of<T: Lane>(classes: Vec<Model>) -> Result<Self, Unsupported> {
         let model = classes.first().ok_or_else(|| Unsupported("there is no damage class".into()))?;
         let limbs = model.limbs.len();
-        let joints = classes.iter().flat_map(|class| class.limbs.iter().map(Vec::len)).max().unwrap_or(0);
-        match (limbs, joints) {
-            (1..=3, 1..=2) => Self::shaped::<T, 3, 2>(classes),
-            (4, 1..=2) => Self::shaped::<T, 4, 2>(classes),
-            (1..=4, 1..=3) => Self::shaped::<T, 4, 3>(classes),
-            (5..=6, 1..=3) => Self::shaped::<T, 6, 3>(classes),
-            (1..=2, 4..=6) => Self::shaped::<T, 2, 6>(classes),
-            (3..=5, 4..=7) => Self::shaped::<T, 5, 7>(classes),
-            _ => Err(Unsupported(format!(
+        let trunk = model.trunk_joints();
+        let own = model.limbs.iter().skip(usize::from(trunk > 0));
+        let joints = own.map(Vec::len).max().unwrap_or(0);
+        match (limbs, joints, trunk) {
+            (1..=3, 1..=2, 0) => Self::shaped::<T, 3, 2, 0>(classes),
+            (4, 1..=2, 0) => Self::shaped::<T, 4, 2, 0>(classes),
+            (1..=4, 1..=3, 0) => Self::shaped::<T, 4, 3, 0>(classes),
+            (5..=6, 1..=3, 0) => Self::shaped::<T, 6, 3, 0>(classes),
+            (1..=2, 4..=6, 0) => Self::shaped::<T, 2, 6, 0>(classes),
+            (3..=5, 4..=7, 0) => Self::shaped::<T, 5, 7, 0>(classes),
+            (2..=6, 1..=7, 1..=3) => Self::shaped::<T, 6, 7, 3>(classes),
+            (_, _, 0) => Err(Unsupported(format!(
                 "it has {limbs} limbs of up to {joints} joints; the lane engine is compiled for up to 6 limbs of \
                  up to 3 joints and for up to 5 limbs of up to 7"
+            ))),
+            _ => Err(Unsupported(format!(
+                "it has a trunk of {trunk} joints and {} other limbs of up to {joints}; the lane engine is compiled \
+                 for up to 3 joints of the trunk and up to 5 other limbs of up to 7",
+                limbs - 1
             ))),
         }
     }
 
-    fn shaped<T: Lane, const L: usize, const J: usize>(classes: Vec<Model>) -> Result<Self, Unsupported> {
+    fn shaped<T: Lane, const L: usize, const J: usize, const W: usize>(classes: Vec<Model>) -> Result<Self, Unsupported> {
         let skeleton = Skeleton::new(&classes)?;
-        let robot = Arc::new(Robot::<T, L, J> { skeleton, classes, spare: Mutex::default() });
+        let robot = Arc::new(Robot::<T, L, J, W> { skeleton, classes, spare: Mutex::default() });
         let new_group: NewGroup = Box::new(move || Box::new(Worlds::new(Arc::clone(&robot))));
         Ok(Self { width: T::WIDTH, new_group })
     }

@@ -21,10 +21,10 @@ impl<T: Lane> Forces<T> {
 
     /// External forces on the bodies (`mj_rnePostConstraint`).
     #[inline(always)]
-    pub fn set_bodies<const L: usize, const J: usize>(
+    pub fn set_bodies<const L: usize, const J: usize, const W: usize>(
         &mut self,
         skeleton: &Skeleton<T, L, J>,
-        dynamics: &Dynamics<T, L, J>,
+        dynamics: &Dynamics<T, L, J, W>,
         mask: T::Mask,
     ) {
         for entry in self.bodies.as_flattened_mut() {
@@ -42,10 +42,10 @@ impl<T: Lane> Forces<T> {
 
     /// Touch sensors: the sum of the normal forces they feel (documentation: XML reference, "sensor/touch").
     #[inline(always)]
-    pub fn set_touch<const L: usize, const J: usize>(
+    pub fn set_touch<const L: usize, const J: usize, const W: usize>(
         &mut self,
         skeleton: &Skeleton<T, L, J>,
-        contacts: &Contacts<T, J>,
+        contacts: &Contacts<T, J, W>,
         mask: T::Mask,
     ) {
         if self.touch.is_empty() {

@@ -14,11 +14,11 @@ use crate::pyramid::Push;
 ///
 /// The stiffness is a symmetric 3 × 3 matrix in the contact's frame; the Jacobian carries it over.
 #[inline(always)]
-pub fn add_contact<T: Lane, const L: usize, const J: usize>(
-    contact: &Contact<T, J>,
+pub fn add_contact<T: Lane, const L: usize, const J: usize, const W: usize>(
+    contact: &Contact<T, J, W>,
     push: &Push<T>,
     gradient: &mut Coords<T, L, J>,
-    hessian: &mut Arrow<T, L, J>,
+    hessian: &mut Arrow<T, L, J, W>,
 ) {
     let force = contact.world(push.gradient);
     let torque = cross(contact.at, force);
@@ -46,30 +46,48 @@ pub fn add_contact<T: Lane, const L: usize, const J: usize>(
     let Some((limb, joints)) = contact.limb else {
         return;
     };
-    for joint in 0..joints {
-        let column = contact.columns[joint];
+    let push_by = |column| {
         let pushed = mul(&stiffness, column);
-        let turned = cross(contact.at, pushed);
-        gradient.limbs[limb][joint] += dot(column, force);
-        let coupling = &mut hessian.coupling[limb][joint];
-        for i in 0..3 {
-            coupling[i] += pushed[i];
-            coupling[3 + i] += turned[i];
-        }
+        (dot(column, force), pushed, cross(contact.at, pushed))
+    };
+    for joint in 0..joints {
+        let (along, pushed, turned) = push_by(contact.columns[joint]);
+        gradient.limbs[limb][joint] += along;
+        add_coupling(&mut hessian.coupling[limb][joint], pushed, turned);
         for inner in 0..joint + 1 {
             hessian.limbs[limb][joint][inner] += dot(contact.columns[inner], pushed);
         }
+        for trunk in 0..contact.trunk_joints.min(W) {
+            hessian.trunk[limb][joint][trunk] += dot(contact.trunk_columns[trunk], pushed);
+        }
+    }
+    for joint in 0..contact.trunk_joints.min(W) {
+        let (along, pushed, turned) = push_by(contact.trunk_columns[joint]);
+        gradient.limbs[0][joint] += along;
+        add_coupling(&mut hessian.coupling[0][joint], pushed, turned);
+        for inner in 0..joint + 1 {
+            hessian.limbs[0][joint][inner] += dot(contact.trunk_columns[inner], pushed);
+        }
+    }
+}
+
+/// Adds a force and a torque to the coupling of a joint with the root.
+#[inline(always)]
+fn add_coupling<T: Lane>(coupling: &mut [T; 6], force: Vec3<T>, torque: Vec3<T>) {
+    for i in 0..3 {
+        coupling[i] += force[i];
+        coupling[3 + i] += torque[i];
     }
 }
 
 /// Adds what torsional and rolling friction contribute: with B the Hessian by force and torque and C that by
 /// the torque, each joint's velocity v and axis h at the contact gain B h in force and Bᵀ v + C h in torque.
 #[inline(always)]
-pub fn add_turn<T: Lane, const L: usize, const J: usize>(
-    cone: &ConeContact<T, J>,
+pub fn add_turn<T: Lane, const L: usize, const J: usize, const W: usize>(
+    cone: &ConeContact<T, J, W>,
     kinematics: &Kinematics<T, L, J>,
     gradient: &mut Coords<T, L, J>,
-    hessian: &mut Arrow<T, L, J>,
+    hessian: &mut Arrow<T, L, J, W>,
 ) {
     let (contact, turn) = (&cone.contact, cone.turn());
     let (axes, turning_axes) = (cone.axes(), cone.turning_axes());
@@ -95,21 +113,34 @@ pub fn add_turn<T: Lane, const L: usize, const J: usize>(
     let Some((limb, joints)) = contact.limb else {
         return;
     };
-    let links = &kinematics.links[limb];
+    let (links, trunk_links) = (&kinematics.links[limb], &kinematics.links[0]);
+    let turn_by = |hinge, column| {
+        let force = mul(&mixed, hinge);
+        let turned = add(mul(&transposed, column), mul(&stiffness, hinge));
+        (force, turned, add(cross(contact.at, force), turned))
+    };
     for joint in 0..joints {
         let hinge = links[joint].hinge();
-        let force = mul(&mixed, hinge);
-        let turned = add(mul(&transposed, contact.columns[joint]), mul(&stiffness, hinge));
-        let whole = add(cross(contact.at, force), turned);
+        let (force, turned, whole) = turn_by(hinge, contact.columns[joint]);
         gradient.limbs[limb][joint] += dot(hinge, torque);
-        let coupling = &mut hessian.coupling[limb][joint];
-        for i in 0..3 {
-            coupling[i] += force[i];
-            coupling[3 + i] += whole[i];
-        }
+        add_coupling(&mut hessian.coupling[limb][joint], force, whole);
         for inner in 0..joint + 1 {
             hessian.limbs[limb][joint][inner] +=
                 dot(contact.columns[inner], force) + dot(links[inner].hinge(), turned);
+        }
+        for trunk in 0..contact.trunk_joints.min(W) {
+            hessian.trunk[limb][joint][trunk] +=
+                dot(contact.trunk_columns[trunk], force) + dot(trunk_links[trunk].hinge(), turned);
+        }
+    }
+    for joint in 0..contact.trunk_joints.min(W) {
+        let hinge = trunk_links[joint].hinge();
+        let (force, turned, whole) = turn_by(hinge, contact.trunk_columns[joint]);
+        gradient.limbs[0][joint] += dot(hinge, torque);
+        add_coupling(&mut hessian.coupling[0][joint], force, whole);
+        for inner in 0..joint + 1 {
+            hessian.limbs[0][joint][inner] +=
+                dot(contact.trunk_columns[inner], force) + dot(trunk_links[inner].hinge(), turned);
         }
     }
 }

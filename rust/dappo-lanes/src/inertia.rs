@@ -8,6 +8,7 @@ use crate::lane::Lane;
 use crate::math::{
     Sym3, Vec3, add, add_point_mass, cross, dot, scale, scale_add, sym_mul, sym_rotate, zero3,
 };
+use crate::skeleton::Skeleton;
 
 /// Several rigid bodies moved as one: mass, first moment and inertia about the root's origin.
 #[derive(Clone, Copy)]
@@ -78,20 +79,27 @@ impl<T: Lane, const L: usize, const J: usize> Tensors<T, L, J> {
 
 /// Fills the mass matrix, armature included, and returns the robot as one body.
 #[inline(always)]
-pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
+pub fn mass_matrix<T: Lane, const L: usize, const J: usize, const W: usize>(
+    skeleton: &Skeleton<T, L, J>,
     constants: &Constants<T, L, J>,
     kinematics: &Kinematics<T, L, J>,
     tensors: &Tensors<T, L, J>,
-    matrix: &mut Arrow<T, L, J>,
+    matrix: &mut Arrow<T, L, J, W>,
 ) -> Composite<T> {
     let mut robot = Composite::nothing();
     robot.add_body(&constants.root, kinematics.root_com, &tensors.root);
-    for limb in 0..L {
+    // What hangs on each link of the trunk, whose own turn is the last.
+    let mut hanging = [Composite::nothing(); W];
+    for limb in (0..L).rev() {
         let links = &kinematics.links[limb];
+        let parent = skeleton.parents[limb];
         let mut outer = Composite::nothing();
         for joint in (0..J).rev() {
             let (link, pose) = (&constants.links[limb][joint], &links[joint]);
             outer.add_body(&link.body, pose.com, &tensors.links[limb][joint]);
+            if limb == 0 && joint < W {
+                outer.add(&hanging[joint]);
+            }
             let (force, torque) = outer.wrench(pose.hinge(), pose.sweep);
             matrix.coupling[limb][joint] = [force[0], force[1], force[2], torque[0], torque[1], torque[2]];
             for inner in 0..joint + 1 {
@@ -99,8 +107,17 @@ pub fn mass_matrix<T: Lane, const L: usize, const J: usize>(
                     dot(links[inner].hinge(), torque) + dot(links[inner].sweep, force);
             }
             matrix.limbs[limb][joint][joint] += link.armature;
+            for trunk in 0..W {
+                let moved = parent.is_some_and(|last| trunk <= last);
+                let pose = &kinematics.links[0][trunk];
+                matrix.trunk[limb][joint][trunk] =
+                    if moved { dot(pose.hinge(), torque) + dot(pose.sweep, force) } else { T::zero() };
+            }
         }
-        robot.add(&outer);
+        match parent {
+            Some(link) if W > 0 => hanging[link].add(&outer),
+            _ => robot.add(&outer),
+        }
     }
     root_block(&mut matrix.root, &robot);
     for i in 0..6 {

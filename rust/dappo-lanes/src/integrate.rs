@@ -11,26 +11,26 @@ use crate::skeleton::Skeleton;
 use crate::state::{Position, State};
 
 /// Everything a substep reads, and its last evaluation.
-pub struct Substep<'a, T: Lane, const L: usize, const J: usize> {
+pub struct Substep<'a, T: Lane, const L: usize, const J: usize, const W: usize> {
     pub skeleton: &'a Skeleton<T, L, J>,
     pub constants: &'a Constants<T, L, J>,
     pub ctrl: &'a [[T; J]; L],
-    pub dynamics: &'a mut Dynamics<T, L, J>,
+    pub dynamics: &'a mut Dynamics<T, L, J, W>,
 }
 
 /// Observer of the evaluations of a substep.
-pub trait Observer<T: Lane, const L: usize, const J: usize> {
+pub trait Observer<T: Lane, const L: usize, const J: usize, const W: usize> {
     /// The first evaluation, in the state before the substep.
-    fn first(&mut self, dynamics: &Dynamics<T, L, J>);
+    fn first(&mut self, dynamics: &Dynamics<T, L, J, W>);
 
     /// The last evaluation, in `position`.
-    fn last(&mut self, dynamics: &Dynamics<T, L, J>, position: &Position<T, L, J>);
+    fn last(&mut self, dynamics: &Dynamics<T, L, J, W>, position: &Position<T, L, J>);
 }
 
-impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Substep<'_, T, L, J, W> {
     /// Advances the state by one timestep.
     #[inline(always)]
-    pub fn advance(&mut self, state: &mut State<T, L, J>, observer: &mut impl Observer<T, L, J>) {
+    pub fn advance(&mut self, state: &mut State<T, L, J>, observer: &mut impl Observer<T, L, J, W>) {
         match self.skeleton.integrator {
             Integrator::Rk4 { rotation_correction } => {
                 self.runge_kutta(state, rotation_correction, observer);
@@ -50,7 +50,7 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
     }
 
     #[inline(always)]
-    fn euler(&mut self, state: &mut State<T, L, J>, observer: &mut impl Observer<T, L, J>) {
+    fn euler(&mut self, state: &mut State<T, L, J>, observer: &mut impl Observer<T, L, J, W>) {
         let timestep = T::of(self.skeleton.timestep);
         self.forward(state);
         observer.first(self.dynamics);
@@ -78,7 +78,7 @@ impl<T: Lane, const L: usize, const J: usize> Substep<'_, T, L, J> {
         &mut self,
         state: &mut State<T, L, J>,
         rotation_correction: bool,
-        observer: &mut impl Observer<T, L, J>,
+        observer: &mut impl Observer<T, L, J, W>,
     ) {
         let timestep = self.skeleton.timestep;
         let begin = *state;

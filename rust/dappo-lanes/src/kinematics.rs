@@ -61,7 +61,10 @@ impl<T: Lane, const L: usize, const J: usize> Kinematics<T, L, J> {
         self.root = quat_axes(quat_normalize(position.rotation));
         self.root_com = rotate(&self.root, constants.root.com);
         for limb in 0..L {
-            let (mut parent, mut anchor) = (self.root, zero3());
+            let (mut parent, mut anchor) = match skeleton.parents[limb] {
+                None => (self.root, zero3()),
+                Some(link) => (self.links[0][link].axes, self.links[0][link].anchor),
+            };
             for joint in 0..J {
                 let (shared, link) = (&skeleton.joints[limb][joint], &constants.links[limb][joint]);
                 let pose = &mut self.links[limb][joint];

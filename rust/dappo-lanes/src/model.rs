@@ -1,7 +1,7 @@
 //! The constants of a robot, as numbers: what the engine reads from a compiled model.
 //!
-//! A robot is a free root with L limbs of J hinges each, over a level floor. Lengths are in m, angles in
-//! rad, masses in kg. A link's frame has its origin in the anchor of its hinge and its z axis along it; the
+//! A robot is a free root with L limbs of J hinges each, over a level floor. Limbs may hang on links of the first
+//! limb instead of the root, which is then the trunk of the robot. Lengths are in m, angles in rad, masses in kg. A link's frame has its origin in the anchor of its hinge and its z axis along it; the
 //! root's frame is that of its body.
 
 /// A 3-vector.
@@ -32,6 +32,8 @@ pub struct Model {
     pub root_damping: f64,
     /// Links of each limb, from the root outwards.
     pub limbs: Vec<Vec<Link>>,
+    /// What each limb hangs on: a link of limb 0, which itself hangs on the root, or `None` for the root.
+    pub parents: Vec<Option<usize>>,
     /// Points that can touch the floor.
     pub points: Vec<Point>,
     /// Number of bodies, the world included: rows of `cfrc_ext`.
@@ -47,6 +49,13 @@ impl Model {
     #[must_use]
     pub fn dofs(&self) -> usize {
         6 + self.limbs.iter().map(Vec::len).sum::<usize>()
+    }
+
+    /// Number of joints of the trunk: those of limb 0 if other limbs hang on it.
+    #[must_use]
+    pub fn trunk_joints(&self) -> usize {
+        let is_trunk = self.parents.iter().any(Option::is_some);
+        self.limbs.first().filter(|_| is_trunk).map_or(0, Vec::len)
     }
 }
 

@@ -8,8 +8,8 @@ use crate::math::{Vec3, negate, scale_add, select3};
 
 /// A contact with the solver's numbers about it.
 #[derive(Clone, Copy)]
-pub struct Pyramid<T: Lane, const J: usize> {
-    pub contact: Contact<T, J>,
+pub struct Pyramid<T: Lane, const J: usize, const W: usize> {
+    pub contact: Contact<T, J, W>,
     /// J a − reference at the solver's present point.
     pub residual: Vec3<T>,
     /// Change of the residual along the solver's search direction.
@@ -28,11 +28,11 @@ pub struct Push<T: Lane> {
     pub skew: Option<T>,
 }
 
-impl<T: Lane, const J: usize> Pyramid<T, J> {
+impl<T: Lane, const J: usize, const W: usize> Pyramid<T, J, W> {
     /// A contact whose residual is that of the evaluation before, or where it is new, that without
     /// acceleration.
     #[inline(always)]
-    pub fn new(contact: Contact<T, J>, before: Option<&Self>) -> Self {
+    pub fn new(contact: Contact<T, J, W>, before: Option<&Self>) -> Self {
         let mut residual = negate(contact.reference);
         if let Some(before) = before {
             let known = T::zero().lt(before.contact.weight);

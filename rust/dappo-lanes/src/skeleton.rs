@@ -23,6 +23,8 @@ pub struct Skeleton<T: Lane, const L: usize, const J: usize> {
     pub has_dry_friction: bool,
     /// Joints of each limb; a limb with fewer joints than `J` ends in joints that are always at rest.
     pub joints: [[Joint<T>; J]; L],
+    /// Link of limb 0 that each limb hangs on; `None` for the root.
+    pub parents: [Option<usize>; L],
     pub points: Vec<Carrier<T>>,
     /// Number of degrees of freedom.
     pub dofs: usize,
@@ -165,6 +167,7 @@ impl<T: Lane, const L: usize, const J: usize> Skeleton<T, L, J> {
                     of_classes.first().map_or_else(completing_joint, |link| shared_joint(link, &of_classes))
                 })
             }),
+            parents: std::array::from_fn(|limb| model.parents.get(limb).copied().flatten()),
             points,
             dofs: model.dofs(),
             bodies: model.bodies,
@@ -187,6 +190,7 @@ pub fn difference(a: &Model, b: &Model) -> Option<&'static str> {
         ("the floor", a.floor == b.floor),
         ("the friction cones", (a.cone, a.impedance_ratio) == (b.cone, b.impedance_ratio)),
         ("the number of joints", lengths(a) == lengths(b)),
+        ("what a limb hangs on", a.parents == b.parents),
         ("the softness of joint limits", links().all(|(a, b)| a.limit == b.limit)),
         ("the softness of dry friction", links().all(|(a, b)| a.friction_softness == b.friction_softness)),
         ("the axis of a joint", links().all(|(a, b)| a.axes == b.axes && a.zero == b.zero)),

@@ -23,16 +23,16 @@ const MAX_LINE_SEARCH: usize = 50;
 const UNBOUNDED: f64 = 1e10;
 
 /// The problem; contacts, limits and dry friction contain the solver's present point.
-pub struct Problem<'a, T: Lane, const L: usize, const J: usize> {
-    pub mass: &'a Arrow<T, L, J>,
+pub struct Problem<'a, T: Lane, const L: usize, const J: usize, const W: usize> {
+    pub mass: &'a Arrow<T, L, J, W>,
     /// M a₀: all forces but those of the constraints.
     pub force: &'a Coords<T, L, J>,
     pub kinematics: &'a Kinematics<T, L, J>,
-    pub contacts: &'a mut Contacts<T, J>,
+    pub contacts: &'a mut Contacts<T, J, W>,
     pub limits: &'a mut Limits<T, L, J>,
     pub dry_friction: &'a mut DryFriction<T>,
     /// Room for the Hessian and its factorisation.
-    pub hessian: &'a mut Arrow<T, L, J>,
+    pub hessian: &'a mut Arrow<T, L, J, W>,
     /// Scale of the stopping rule.
     pub scale: T,
 }
@@ -43,7 +43,7 @@ struct Point<T, const L: usize, const J: usize> {
     momentum: Coords<T, L, J>,
 }
 
-impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Problem<'_, T, L, J, W> {
     /// The acceleration under constraints that are quadratic but for the rows that push.
     ///
     /// Beginning with the rows that pushed in the evaluation before, whole Newton steps mostly arrive in one to
@@ -144,8 +144,16 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
         let Self { mass, kinematics, contacts, limits, dry_friction, hessian, .. } = self;
         hessian.set_root(mass);
         x.root = [T::zero(); 6];
-        for limb in 0..L {
-            hessian.set_limb(limb, mass);
+        // The limbs change the trunk, limb 0, which is the last.
+        if W > 0 {
+            hessian.set_limb(0, mass);
+            x.limbs[0] = [T::zero(); J];
+        }
+        for limb in (0..L).rev() {
+            if W == 0 || limb > 0 {
+                hessian.set_limb(limb, mass);
+                x.limbs[limb] = [T::zero(); J];
+            }
             for pyramid in &mut contacts.pyramids {
                 if pyramid.contact.is_added_with(limb) {
                     let push = pyramid.push(whole);
@@ -186,7 +194,9 @@ impl<T: Lane, const L: usize, const J: usize> Problem<'_, T, L, J> {
                     hessian.limbs[limb][joint][joint] += weight;
                 }
             }
-            x.limbs[limb] = right.limbs[limb];
+            for joint in 0..J {
+                x.limbs[limb][joint] += right.limbs[limb][joint];
+            }
             hessian.eliminate(limb, x);
         }
         for i in 0..6 {

@@ -14,17 +14,17 @@ use crate::skeleton::Skeleton;
 use crate::state::{Position, State};
 
 /// What all groups of an engine share.
-pub struct Robot<T: Lane, const L: usize, const J: usize> {
+pub struct Robot<T: Lane, const L: usize, const J: usize, const W: usize> {
     pub skeleton: Skeleton<T, L, J>,
     pub classes: Vec<Model>,
     /// Dynamics that no group uses at present. They are large: a thread that takes the one it returned last
     /// finds it in its cache.
-    pub spare: Mutex<Vec<Box<Dynamics<T, L, J>>>>,
+    pub spare: Mutex<Vec<Box<Dynamics<T, L, J, W>>>>,
 }
 
-impl<T: Lane, const L: usize, const J: usize> Robot<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Robot<T, L, J, W> {
     /// Calls `use_it` with room for the evaluation of the dynamics.
-    fn with_dynamics<R>(&self, use_it: impl FnOnce(&mut Dynamics<T, L, J>) -> R) -> R {
+    fn with_dynamics<R>(&self, use_it: impl FnOnce(&mut Dynamics<T, L, J, W>) -> R) -> R {
         let spare = || self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = spare().pop();
         let mut dynamics = taken.unwrap_or_else(|| Box::new(Dynamics::new(&self.skeleton)));
@@ -35,8 +35,8 @@ impl<T: Lane, const L: usize, const J: usize> Robot<T, L, J> {
 }
 
 /// As many worlds as a register has lanes.
-pub struct Worlds<T: Lane, const L: usize, const J: usize> {
-    robot: Arc<Robot<T, L, J>>,
+pub struct Worlds<T: Lane, const L: usize, const J: usize, const W: usize> {
+    robot: Arc<Robot<T, L, J, W>>,
     constants: Constants<T, L, J>,
     /// x and y of the root count from `origin`, so that single precision does not wear off far away.
     state: State<T, L, J>,
@@ -50,7 +50,7 @@ pub struct Worlds<T: Lane, const L: usize, const J: usize> {
 }
 
 /// Keeps what the last substep of a step shows.
-struct Recorder<'a, T: Lane, const L: usize, const J: usize> {
+struct Recorder<'a, T: Lane, const L: usize, const J: usize, const W: usize> {
     skeleton: &'a Skeleton<T, L, J>,
     forces: &'a mut Forces<T>,
     qacc: &'a mut Coords<T, L, J>,
@@ -62,9 +62,9 @@ struct Recorder<'a, T: Lane, const L: usize, const J: usize> {
     listening: bool,
 }
 
-impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_, T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Observer<T, L, J, W> for Recorder<'_, T, L, J, W> {
     #[inline(always)]
-    fn first(&mut self, dynamics: &Dynamics<T, L, J>) {
+    fn first(&mut self, dynamics: &Dynamics<T, L, J, W>) {
         if self.listening {
             // MuJoCo evaluates sensors before the integrator's further stages.
             self.forces.set_touch(self.skeleton, &dynamics.contacts, self.mask);
@@ -72,7 +72,7 @@ impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_,
     }
 
     #[inline(always)]
-    fn last(&mut self, dynamics: &Dynamics<T, L, J>, position: &Position<T, L, J>) {
+    fn last(&mut self, dynamics: &Dynamics<T, L, J, W>, position: &Position<T, L, J>) {
         if self.listening {
             self.forces.set_bodies(self.skeleton, dynamics, self.mask);
             *self.qacc = dynamics.qacc();
@@ -82,13 +82,13 @@ impl<T: Lane, const L: usize, const J: usize> Observer<T, L, J> for Recorder<'_,
     }
 }
 
-impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Worlds<T, L, J, W> {
     /// Entries of qvel; qpos has one more.
     fn dofs(&self) -> usize {
         self.robot.skeleton.dofs
     }
 
-    pub fn new(robot: Arc<Robot<T, L, J>>) -> Self {
+    pub fn new(robot: Arc<Robot<T, L, J, W>>) -> Self {
         let skeleton = &robot.skeleton;
         let mut worlds = Self {
             constants: Constants::new(skeleton.points.len()),
@@ -164,9 +164,9 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
 }
 
 /// What is compiled for the instruction set.
-impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Worlds<T, L, J, W> {
     #[inline(always)]
-    fn forward_lanes(&mut self, mask: T::Mask, dynamics: &mut Dynamics<T, L, J>) {
+    fn forward_lanes(&mut self, mask: T::Mask, dynamics: &mut Dynamics<T, L, J, W>) {
         let skeleton = &self.robot.skeleton;
         dynamics.forget();
         let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
@@ -180,7 +180,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     }
 
     #[inline(always)]
-    fn step_lanes(&mut self, mask: T::Mask, substeps: usize, dynamics: &mut Dynamics<T, L, J>) -> T {
+    fn step_lanes(&mut self, mask: T::Mask, substeps: usize, dynamics: &mut Dynamics<T, L, J, W>) -> T {
         let skeleton = &self.robot.skeleton;
         dynamics.forget();
         let mut substep = Substep { skeleton, constants: &self.constants, ctrl: &self.ctrl, dynamics };
@@ -204,7 +204,7 @@ impl<T: Lane, const L: usize, const J: usize> Worlds<T, L, J> {
     }
 }
 
-impl<T: Lane, const L: usize, const J: usize> WorldAccess for Worlds<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> WorldAccess for Worlds<T, L, J, W> {
     fn width(&self) -> usize {
         T::WIDTH
     }
@@ -297,7 +297,7 @@ impl<T: Lane, const L: usize, const J: usize> WorldAccess for Worlds<T, L, J> {
     }
 }
 
-impl<T: Lane, const L: usize, const J: usize> Group for Worlds<T, L, J> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Group for Worlds<T, L, J, W> {
     fn forward(&mut self, lanes: u32) {
         let robot = Arc::clone(&self.robot);
         robot.with_dynamics(|dynamics| {

@@ -89,6 +89,7 @@ fn quadruped(heavier: f64, narrower: f64, integrator: Integrator) -> Model {
         root: body(2.0, 0.0),
         root_armature: 0.0,
         root_damping: 0.0,
+        parents: vec![None; LIMBS],
         limbs: (0..LIMBS).map(|limb| (0..JOINTS).map(|joint| link(limb, joint)).collect()).collect(),
         points: (0..LIMBS).map(foot).collect(),
         bodies: 2 + LIMBS,

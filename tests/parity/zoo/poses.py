@@ -72,7 +72,7 @@ def rolled_out(model: mujoco.MjModel, count: int, rng: np.random.Generator) -> S
     rows = []
     for _ in range(count):
         data = _dropped(model, rng)
-        for _ in range(int(rng.integers(3, 10))):
+        for _ in range(int(rng.integers(3, 15))):
             data.ctrl[:] = random_controls(model, rng)
             mujoco.mj_step(model, data, nstep=5)
         rows.append(_state(data))

@@ -236,6 +236,7 @@ fn compile(arrays: &ModelArrays, main_body: usize, touch_addresses: &[usize]) ->
             root_armature,
             root_damping,
             limbs,
+            parents: tree.parents,
             points: contacts.points,
             bodies: arrays.nbody,
             touch_sensors: arrays.nsensordata,
