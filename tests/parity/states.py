@@ -34,8 +34,9 @@ class Reference(NamedTuple):
 
 
 def converged(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of the model whose solver iterates until convergence."""
+    """Return a copy of the model whose solver is Newton's and iterates until convergence."""
     model = copy.copy(model)
+    model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
     model.opt.tolerance = 0.0
     model.opt.iterations = 100
     model.opt.ls_iterations = 100

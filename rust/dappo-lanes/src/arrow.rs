@@ -151,7 +151,8 @@ impl<T: Lane, const L: usize, const J: usize, const W: usize> Arrow<T, L, J, W> 
             }
             for j in 0..6 {
                 for joint in 0..J {
-                    trunk_coupling[i][j] = factors[joint].neg_mul_add(coupling[joint][j], trunk_coupling[i][j]);
+                    trunk_coupling[i][j] =
+                        factors[joint].neg_mul_add(coupling[joint][j], trunk_coupling[i][j]);
                 }
             }
         }

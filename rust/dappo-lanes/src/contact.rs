@@ -127,9 +127,10 @@ impl<T: Lane, const J: usize, const W: usize> Contacts<T, J, W> {
                 limb: carrier.link.map(|(limb, joint)| (limb, joint + 1)),
                 at,
                 tangent: tangent(carrier, point, kinematics),
-                columns: carrier
-                    .link
-                    .map_or([zero3(); J], |(limb, last)| columns(&kinematics.links[limb], last + 1, at)),
+                columns: match carrier.link {
+                    None => [zero3(); J],
+                    Some((limb, last)) => columns(&kinematics.links[limb], last + 1, at),
+                },
                 trunk_joints,
                 trunk_columns: columns(&kinematics.links[0], trunk_joints, at),
                 weight: T::zero(),

@@ -163,7 +163,9 @@ impl Engine {
         }
     }
 
-    fn shaped<T: Lane, const L: usize, const J: usize, const W: usize>(classes: Vec<Model>) -> Result<Self, Unsupported> {
+    fn shaped<T: Lane, const L: usize, const J: usize, const W: usize>(
+        classes: Vec<Model>,
+    ) -> Result<Self, Unsupported> {
         let skeleton = Skeleton::new(&classes)?;
         let robot = Arc::new(Robot::<T, L, J, W> { skeleton, classes, spare: Mutex::default() });
         let new_group: NewGroup = Box::new(move || Box::new(Worlds::new(Arc::clone(&robot))));

@@ -46,14 +46,11 @@ pub fn add_contact<T: Lane, const L: usize, const J: usize, const W: usize>(
     let Some((limb, joints)) = contact.limb else {
         return;
     };
-    let push_by = |column| {
-        let pushed = mul(&stiffness, column);
-        (dot(column, force), pushed, cross(contact.at, pushed))
-    };
     for joint in 0..joints {
-        let (along, pushed, turned) = push_by(contact.columns[joint]);
-        gradient.limbs[limb][joint] += along;
-        add_coupling(&mut hessian.coupling[limb][joint], pushed, turned);
+        let column = contact.columns[joint];
+        let pushed = mul(&stiffness, column);
+        gradient.limbs[limb][joint] += dot(column, force);
+        add_coupling(&mut hessian.coupling[limb][joint], pushed, cross(contact.at, pushed));
         for inner in 0..joint + 1 {
             hessian.limbs[limb][joint][inner] += dot(contact.columns[inner], pushed);
         }
@@ -62,9 +59,10 @@ pub fn add_contact<T: Lane, const L: usize, const J: usize, const W: usize>(
         }
     }
     for joint in 0..contact.trunk_joints.min(W) {
-        let (along, pushed, turned) = push_by(contact.trunk_columns[joint]);
-        gradient.limbs[0][joint] += along;
-        add_coupling(&mut hessian.coupling[0][joint], pushed, turned);
+        let column = contact.trunk_columns[joint];
+        let pushed = mul(&stiffness, column);
+        gradient.limbs[0][joint] += dot(column, force);
+        add_coupling(&mut hessian.coupling[0][joint], pushed, cross(contact.at, pushed));
         for inner in 0..joint + 1 {
             hessian.limbs[0][joint][inner] += dot(contact.trunk_columns[inner], pushed);
         }
@@ -114,14 +112,11 @@ pub fn add_turn<T: Lane, const L: usize, const J: usize, const W: usize>(
         return;
     };
     let (links, trunk_links) = (&kinematics.links[limb], &kinematics.links[0]);
-    let turn_by = |hinge, column| {
-        let force = mul(&mixed, hinge);
-        let turned = add(mul(&transposed, column), mul(&stiffness, hinge));
-        (force, turned, add(cross(contact.at, force), turned))
-    };
     for joint in 0..joints {
         let hinge = links[joint].hinge();
-        let (force, turned, whole) = turn_by(hinge, contact.columns[joint]);
+        let force = mul(&mixed, hinge);
+        let turned = add(mul(&transposed, contact.columns[joint]), mul(&stiffness, hinge));
+        let whole = add(cross(contact.at, force), turned);
         gradient.limbs[limb][joint] += dot(hinge, torque);
         add_coupling(&mut hessian.coupling[limb][joint], force, whole);
         for inner in 0..joint + 1 {
@@ -135,7 +130,9 @@ pub fn add_turn<T: Lane, const L: usize, const J: usize, const W: usize>(
     }
     for joint in 0..contact.trunk_joints.min(W) {
         let hinge = trunk_links[joint].hinge();
-        let (force, turned, whole) = turn_by(hinge, contact.trunk_columns[joint]);
+        let force = mul(&mixed, hinge);
+        let turned = add(mul(&transposed, contact.trunk_columns[joint]), mul(&stiffness, hinge));
+        let whole = add(cross(contact.at, force), turned);
         gradient.limbs[0][joint] += dot(hinge, torque);
         add_coupling(&mut hessian.coupling[0][joint], force, whole);
         for inner in 0..joint + 1 {

@@ -62,7 +62,9 @@ struct Recorder<'a, T: Lane, const L: usize, const J: usize, const W: usize> {
     listening: bool,
 }
 
-impl<T: Lane, const L: usize, const J: usize, const W: usize> Observer<T, L, J, W> for Recorder<'_, T, L, J, W> {
+impl<T: Lane, const L: usize, const J: usize, const W: usize> Observer<T, L, J, W>
+    for Recorder<'_, T, L, J, W>
+{
     #[inline(always)]
     fn first(&mut self, dynamics: &Dynamics<T, L, J, W>) {
         if self.listening {

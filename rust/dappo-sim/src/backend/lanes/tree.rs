@@ -102,8 +102,9 @@ impl Tree {
                 refuse(format!("{} is a second free body; it supports one robot", called()))
             }
             (Carrier::World, _) => refuse(format!("{} does not hang on a free body", called())),
-            _ => (joint..joint + joints)
-                .try_fold((carrier, placed), |(carrier, placed), joint| self.hang(model, carrier, body, joint, &placed)),
+            _ => (joint..joint + joints).try_fold((carrier, placed), |(carrier, placed), joint| {
+                self.hang(model, carrier, body, joint, &placed)
+            }),
         }
     }
 
