@@ -137,7 +137,20 @@ impl Stream {
 
     /// Uniform in [0, 1) with 53 random bits.
     pub fn uniform(&mut self) -> f64 {
-        (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+        unit(self.next_u64())
+    }
+
+    /// Calls `visit` with each item and what [`Stream::uniform`] would return for it, several times as fast.
+    pub fn uniform_for_each<T>(&mut self, items: &mut [T], mut visit: impl FnMut(&mut T, f64)) {
+        const MOST: usize = 16;
+        let mut words = [0; 2 * MOST];
+        for items in items.chunks_mut(MOST) {
+            let words = &mut words[..2 * items.len()];
+            self.fill(words);
+            for (item, [low, high]) in items.iter_mut().zip(words.as_chunks().0) {
+                visit(item, unit(u64::from(*low) | u64::from(*high) << 32));
+            }
+        }
     }
 
     /// Uniform integer in [0, `bound`); 0 when `bound` is 0. The bias is below 2⁻³² · bound.
@@ -163,6 +176,11 @@ impl Stream {
         self.spare_normal = Some(radius * sin);
         radius * cos
     }
+}
+
+/// The 53 highest of 64 random bits as a number in [0, 1).
+fn unit(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// Independent keys for `count` envs of one run.

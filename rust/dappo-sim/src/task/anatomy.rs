@@ -130,13 +130,14 @@ impl Frame {
             angular_velocity: self.angular_velocity,
         };
         let Some(hinge) = &link.hinge else { return fixed };
-        let (sin, cos) = (0.5 * (qpos[hinge.qpos] - hinge.reference)).sin_cos();
-        let [x, y, z] = hinge.axis;
-        let rotation = product(&fixed.rotation, &matrix([cos, sin * x, sin * y, sin * z]));
+        let rotation = turned(&fixed.rotation, hinge.axis, qpos[hinge.qpos] - hinge.reference);
         let axis = fixed.turn(hinge.axis);
-        let anchor = fixed.turn(hinge.anchor);
         let angular_velocity = add(self.angular_velocity, axis.map(|entry| entry * qvel[hinge.dof]));
+        if hinge.anchor == [0.0; 3] {
+            return Self { rotation, angular_velocity, ..fixed };
+        }
         // The anchor is where both bodies move alike.
+        let anchor = fixed.turn(hinge.anchor);
         let back = apply(&rotation, hinge.anchor).map(|entry| -entry);
         Self {
             origin: add(add(fixed.origin, anchor), back),
@@ -166,6 +167,30 @@ fn matrix([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
         [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ]
+}
+
+/// Rows of a rotation matrix whose frame turns by an angle (rad) about one of its unit vectors.
+fn turned(rotation: &[[f64; 3]; 3], axis: [f64; 3], angle: f64) -> [[f64; 3]; 3] {
+    // Most hinges turn about an axis of their body: the two others mix.
+    match axis {
+        [1.0, 0.0, 0.0] => mixed::<1, 2>(rotation, angle.sin_cos()),
+        [0.0, 1.0, 0.0] => mixed::<2, 0>(rotation, angle.sin_cos()),
+        [0.0, 0.0, 1.0] => mixed::<0, 1>(rotation, angle.sin_cos()),
+        [x, y, z] => {
+            let (sin, cos) = (0.5 * angle).sin_cos();
+            product(rotation, &matrix([cos, sin * x, sin * y, sin * z]))
+        }
+    }
+}
+
+/// A matrix whose columns A and B turn towards each other.
+fn mixed<const A: usize, const B: usize>(matrix: &[[f64; 3]; 3], (sin, cos): (f64, f64)) -> [[f64; 3]; 3] {
+    let mut mixed = *matrix;
+    for (row, old) in mixed.iter_mut().zip(matrix) {
+        row[A] = cos * old[A] + sin * old[B];
+        row[B] = cos * old[B] - sin * old[A];
+    }
+    mixed
 }
 
 fn product(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {

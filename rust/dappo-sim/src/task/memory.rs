@@ -59,7 +59,7 @@ impl FootRow<'_> {
 
     /// Speed along the floor, m/s.
     pub fn speed(&self) -> f64 {
-        self.0[3].hypot(self.0[4])
+        (self.0[3] * self.0[3] + self.0[4] * self.0[4]).sqrt()
     }
 
     pub fn force(&self) -> f64 {

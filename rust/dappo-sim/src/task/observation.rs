@@ -160,9 +160,9 @@ impl ObservationTerm {
         let block = &mut out[newest..];
         self.quantity.write(scene, block);
         if let Some(stream) = stream.filter(|_| self.noise > 0.0) {
-            for entry in block.iter_mut() {
-                *entry += (self.noise * (2.0 * stream.uniform() - 1.0)) as f32;
-            }
+            stream.uniform_for_each(block, |entry, uniform| {
+                *entry += (self.noise * (2.0 * uniform - 1.0)) as f32;
+            });
         }
         if let Some(clip) = self.clip {
             block.iter_mut().for_each(|entry| *entry = entry.clamp(-clip as f32, clip as f32));
