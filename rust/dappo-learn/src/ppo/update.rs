@@ -87,10 +87,11 @@ impl Ppo {
                 policy.run(problem.as_mut(), config, shuffle)
             },
             move || {
-                let batch = value_batch.union(previous);
                 let mut problem: Box<dyn Problem<Mlp>> = match gradients {
-                    Gradients::Written => Box::new(WrittenValue::new(&batch, value.net.sizes())),
-                    Gradients::Recorded => Box::new(RecordedValue::new(&batch, device)),
+                    Gradients::Written => {
+                        Box::new(WrittenValue::new(value_batch, previous, value.net.sizes()))
+                    }
+                    Gradients::Recorded => Box::new(RecordedValue::new(&value_batch.union(previous), device)),
                 };
                 value.run(problem.as_mut(), config, value_shuffle)
             },

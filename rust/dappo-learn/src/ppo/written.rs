@@ -2,7 +2,7 @@
 
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
-use dappo_nn::kernels::{Level, MlpPass};
+use dappo_nn::kernels::{Inputs, Level, MlpPass};
 use dappo_nn::{GaussianPolicy, Mlp, cpu, read};
 
 use super::batch::{PolicyBatch, ValueBatch};
@@ -108,24 +108,30 @@ impl PolicyProblem for WrittenPolicy<'_> {
 
 /// The value net's problem.
 pub(super) struct WrittenValue<'a> {
-    batch: &'a ValueBatch,
+    obs: Inputs<'a>,
+    returns: Vec<f32>,
     pass: MlpPass,
 }
 
 impl<'a> WrittenValue<'a> {
-    /// The problem of predicting the returns of a batch with a net of these sizes.
-    pub fn new(batch: &'a ValueBatch, sizes: Vec<usize>) -> Self {
-        Self { batch, pass: MlpPass::new(Level::chosen(), sizes) }
+    /// The problem of predicting the returns of a batch, and of one before it, with a net of these sizes.
+    pub fn new(batch: &'a ValueBatch, previous: Option<&'a ValueBatch>, sizes: Vec<usize>) -> Self {
+        let (obs, returns) = previous.map_or((&[][..], &[][..]), |batch| (&batch.obs, &batch.returns));
+        Self {
+            obs: Inputs::of_two(&batch.obs, obs),
+            returns: [&batch.returns, returns].concat(),
+            pass: MlpPass::new(Level::chosen(), sizes),
+        }
     }
 }
 
 impl Problem<Mlp> for WrittenValue<'_> {
     fn rows(&self) -> usize {
-        self.batch.rows()
+        self.returns.len()
     }
 
     fn gradients(&mut self, value: &Mlp, minibatch: Vec<i32>) -> Result<(Tensor<1>, GradientsParams)> {
-        let (returns, count) = (&self.batch.returns, minibatch.len() as f32);
+        let (returns, count) = (&self.returns, minibatch.len() as f32);
         let loss = |rows: &[i32], values: &[f32], gradients: &mut [f32]| {
             let mut squares = 0.0;
             for ((index, value), gradient) in rows.iter().zip(values).zip(gradients) {
@@ -135,7 +141,7 @@ impl Problem<Mlp> for WrittenValue<'_> {
             }
             squares
         };
-        let (squares, gradient) = self.pass.gradient(&value.parameters()?, &self.batch.obs, &minibatch, loss);
+        let (squares, gradient) = self.pass.gradient(&value.parameters()?, self.obs, &minibatch, loss);
         let mut gradients = GradientsParams::new();
         value.register_gradient(gradient, &mut gradients);
         Ok((vector(&[squares.iter().sum::<f64>() as f32 / count]), gradients))
@@ -248,9 +254,13 @@ mod tests {
     #[test]
     fn loss_and_gradients_of_the_value_net_equal_those_of_autodiff() {
         let value = networks().value;
-        let batch = ValueBatch { obs: normals(ROWS * OBS, 1.0, 3), returns: normals(ROWS, 2.0, 4) };
-        let mut written = WrittenValue::new(&batch, value.sizes());
-        let mut recorded = RecordedValue::new(&batch, &value.device());
+        let batch = |rows: usize, seed| ValueBatch {
+            obs: normals(rows * OBS, 1.0, seed),
+            returns: normals(rows, 2.0, seed + 1),
+        };
+        let (batch, previous) = (batch(ROWS - 300, 3), batch(300, 5));
+        let mut written = WrittenValue::new(&batch, Some(&previous), value.sizes());
+        let mut recorded = RecordedValue::new(&batch.union(Some(&previous)), &value.device());
         let (loss, gradients) = written.gradients(&value, minibatch()).unwrap();
         let (expected_loss, expected) = recorded.gradients(&value, minibatch()).unwrap();
         let (loss, expected_loss) = (scalar(loss).unwrap(), scalar(expected_loss).unwrap());

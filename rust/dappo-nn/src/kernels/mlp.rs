@@ -16,7 +16,7 @@ use super::matmul::{Matrix, matmul};
 use super::reduce::add_in_order;
 use super::tanh::bias_tanh;
 
-/// Rows that go through the net at a time: their activations and gradients in a 100-200-100 net and its weights then
+/// Inputs that go through the net at a time: their activations and gradients in a 100-200-100 net and its weights then
 /// fit into a core's second-level cache.
 const BLOCK: usize = 128;
 /// Gradients are summed in partitions of about a quarter of the minibatch, but no more and no fewer rows than these,
@@ -24,7 +24,7 @@ const BLOCK: usize = 128;
 /// number of threads.
 const PARTITION: [usize; 2] = [64, 512];
 
-/// Rows of a partition of a minibatch.
+/// Inputs of a partition of a minibatch.
 fn partition_rows(rows: usize) -> usize {
     let [fewest, most] = PARTITION;
     rows.div_ceil(4).next_multiple_of(fewest).min(most)
@@ -138,6 +138,37 @@ pub fn forward(level: Level, sizes: &[usize], parameters: &[f32], x: &[f32], out
     );
 }
 
+/// The rows of one array followed by those of another.
+#[derive(Debug, Clone, Copy)]
+pub struct Inputs<'a> {
+    first: &'a [f32],
+    second: &'a [f32],
+}
+
+impl<'a> Inputs<'a> {
+    /// Inputs of two arrays, which stay where they are.
+    #[must_use]
+    pub fn of_two(first: &'a [f32], second: &'a [f32]) -> Self {
+        Self { first, second }
+    }
+
+    /// A row of `width` numbers.
+    fn row(self, index: usize, width: usize) -> &'a [f32] {
+        let start = index * width;
+        let (array, start) = match start.checked_sub(self.first.len()) {
+            None => (self.first, start),
+            Some(start) => (self.second, start),
+        };
+        &array[start..start + width]
+    }
+}
+
+impl<'a> From<&'a [f32]> for Inputs<'a> {
+    fn from(rows: &'a [f32]) -> Self {
+        Self::of_two(rows, &[])
+    }
+}
+
 /// Buffers of one block.
 #[derive(Debug, Default)]
 struct Block {
@@ -176,14 +207,14 @@ impl MlpPass {
     ///
     /// # Panics
     /// If there are not as many parameters, or a row lies outside of the data.
-    pub fn evaluate<T: Send>(
+    pub fn evaluate<'a, T: Send>(
         &self,
         parameters: &[f32],
-        data: &[f32],
+        data: impl Into<Inputs<'a>>,
         order: &[i32],
         of: impl Fn(&[i32], &[f32]) -> T + Sync,
     ) -> Vec<T> {
-        let layers = layers(&self.sizes, parameters);
+        let (layers, data) = (layers(&self.sizes, parameters), data.into());
         order
             .par_chunks(BLOCK)
             .map(|order| {
@@ -206,13 +237,14 @@ impl MlpPass {
     ///
     /// # Panics
     /// If there are not as many parameters, or a row lies outside of the data.
-    pub fn gradient<T: Send>(
+    pub fn gradient<'a, T: Send>(
         &mut self,
         parameters: &[f32],
-        data: &[f32],
+        data: impl Into<Inputs<'a>>,
         order: &[i32],
         loss: impl Fn(&[i32], &[f32], &mut [f32]) -> T + Sync,
     ) -> (Vec<T>, &[f32]) {
+        let data = data.into();
         let mut sums = std::mem::take(&mut self.sums);
         let partition = partition_rows(order.len());
         let used = order.len().div_ceil(partition).max(1);
@@ -255,14 +287,14 @@ impl MlpPass {
 
 impl Block {
     /// Sends some rows of `data` forwards.
-    fn forward(&mut self, level: Level, layers: &[Layer<'_>], data: &[f32], order: &[i32]) {
+    fn forward(&mut self, level: Level, layers: &[Layer<'_>], data: Inputs<'_>, order: &[i32]) {
         let (inputs, outputs) = (layers[0].inputs, layers[layers.len() - 1].outputs);
         let width: usize = layers[1..].iter().map(|layer| layer.inputs).sum();
         self.x.resize(order.len() * inputs, 0.0);
         self.hidden.resize(order.len() * width, 0.0);
         self.out.resize(order.len() * outputs, 0.0);
         for (row, index) in self.x.chunks_exact_mut(inputs).zip(order) {
-            row.copy_from_slice(&data[*index as usize * inputs..][..inputs]);
+            row.copy_from_slice(data.row(*index as usize, inputs));
         }
         forward_block(level, layers, &self.x, &mut self.hidden, &mut self.out);
     }

@@ -17,4 +17,4 @@ mod reduce;
 mod tanh;
 
 pub use level::Level;
-pub use mlp::{MlpPass, forward, parameter_count, partitions};
+pub use mlp::{Inputs, MlpPass, forward, parameter_count, partitions};

@@ -91,7 +91,7 @@ fn a_minibatch_is_the_rows_that_it_names_in_their_order() {
     let picked: Vec<f32> = order.iter().flat_map(|row| &x[row * 6..row * 6 + 6]).copied().collect();
     let pass = MlpPass::new(Level::best(), net.sizes());
     let order = order.map(|row| row as i32);
-    let got = pass.evaluate(&net.parameters().unwrap(), &x, &order, |_, out| out.to_vec()).concat();
+    let got = pass.evaluate(&net.parameters().unwrap(), x.as_slice(), &order, |_, out| out.to_vec()).concat();
     assert_equal("picked rows", &got, &net.frozen().unwrap().apply(&picked).unwrap());
 }
 
@@ -110,7 +110,7 @@ fn run_kernels(level: Level, rows: usize) -> [Vec<f32>; 2] {
     let (x, out_gradient) = (normals(rows * 19, 6), normals(rows * 8, 7));
     let mut pass = MlpPass::new(level, sizes.to_vec());
     let order: Vec<i32> = (0..rows as i32).collect();
-    let (out, gradient) = pass.gradient(&parameters, &x, &order, |rows, out, gradient| {
+    let (out, gradient) = pass.gradient(&parameters, x.as_slice(), &order, |rows, out, gradient| {
         let first = rows[0] as usize * 8;
         gradient.copy_from_slice(&out_gradient[first..first + gradient.len()]);
         out.to_vec()
