@@ -152,7 +152,9 @@ class _RandomRobot:
         self.geom(root, "geom_root")
         self.geom(self.body(root, "load", 0.1), "geom_load")
         self.links: dict[tuple[int, int], Element] = {}
-        limbs = [self.limb(self.carrier(root, limb, lengths), limb, joints) for limb, joints in enumerate(lengths)]
+        limbs = [
+            self.limb(self.carrier(root, limb, lengths), limb, joints) for limb, joints in enumerate(lengths)
+        ]
         # What a limb of the robot TOML carries is a part of it, so that a trunk is none.
         self.toml = ROBOT.format(limbs="".join(limbs[1:] if "trunk" in features else limbs))
         if "unread sensors" in features:

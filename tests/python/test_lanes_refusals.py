@@ -99,7 +99,10 @@ REFUSALS: dict[str, tuple[Edits, str]] = {
         "its limbs branch at body `north` and at body `west`, neither of which carries the other",
     ),
     "trunk of many joints": (
-        (fork("north"), ('<joint name="north_lift"', 3 * '<joint axis="1 0 0"/>' + '<joint name="north_lift"')),
+        (
+            fork("north"),
+            ('<joint name="north_lift"', 3 * '<joint axis="1 0 0"/>' + '<joint name="north_lift"'),
+        ),
         "it has a trunk of 4 joints and 4 other limbs of up to 2",
     ),
     "limb of many joints": (

@@ -25,7 +25,7 @@ STATES_A_CLASS = 6
 
 TOLERANCES = {"f64": 1e-10, "f32": 1e-4}
 
-LONG_LIMBS = dict.fromkeys(["g1_mjlab", "spot_arm"], {"f64": 1e-10, "f32": 2e-4})
+LONG_LIMBS = {robot: {"f64": 1e-10, "f32": 2e-4} for robot in ("g1_mjlab", "spot_arm")}
 """Seven joints in a row, and those of a waist before them, add up more rounding."""
 
 UNSTABLE = {"spot_arm"}
