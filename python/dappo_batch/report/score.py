@@ -98,7 +98,7 @@ TRACKING = Score(
 
 
 def score_of(run: Run) -> Score:
-    """Return the score of a run: tracking if its task has commands, else the forward reward.
+    """Return the score of a run: tracking if its reward has it, else the forward reward.
 
     Evaluations decide; the metrics, if there is none yet.
     """
@@ -107,10 +107,10 @@ def score_of(run: Run) -> Score:
 
 
 def score_of_trace(table: Table) -> Score:
-    """Return the score of a trace: tracking if its task has commands, else the forward velocity."""
+    """Return the score of a trace: tracking if its reward has it, else the forward velocity."""
     return TRACKING if TRACKING.step_column in table else FORWARD_REWARD
 
 
 def _has_numbers(table: Table, column: str) -> bool:
-    # A task without commands has only missing values.
+    # A reward without `track_lin_vel` has only missing values.
     return column in table and table[column].dtype.kind in "if" and bool(np.isfinite(table[column]).any())

@@ -84,7 +84,7 @@ pub fn cost(
     let true_score = truth.iter().sum::<f64>() / names.len() as f64;
     let diagnosed_score = true_score - mistakes.iter().map(loss).sum::<f64>() / names.len() as f64;
     Ok(Some(Cost {
-        compared_by: Score::of(factory.robot()),
+        compared_by: Score::of(factory.robot(), config.env.reward.as_deref())?,
         true_score,
         diagnosed_score,
         gait_equivalent_accuracy: diagnosed_score / true_score,
@@ -109,7 +109,8 @@ fn scores(
     let (classes, given): (Vec<usize>, Vec<usize>) = pairs.iter().copied().unzip();
     let trial = Trial::of_evaluation(classes, config);
     let walks = trial.run(&mut Agent::Given(policy, &known, &given), config, factory, stop)?;
-    let (score, steps) = (Score::of(factory.robot()), factory.max_episode_steps(config));
+    let score = Score::of(factory.robot(), config.env.reward.as_deref())?;
+    let steps = factory.max_episode_steps(config);
     let mean = |episodes: &[Episode]| mean(episodes.iter().map(|episode| score.of_episode(episode, steps)));
     Ok(walks.map(|walks| walks.episodes.chunks_exact(trial.episodes).map(mean).collect()))
 }

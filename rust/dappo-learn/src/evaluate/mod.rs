@@ -46,7 +46,8 @@ pub fn evaluate(
     let Some(walks) = trial.run(&mut agent, config, factory, stop)? else { return Ok(None) };
     let episodes = walks.episodes.chunks_exact(trial.episodes);
     let period = factory.control_period();
-    let steps = (Score::of(factory.robot()) == Score::Tracking).then(|| factory.max_episode_steps(config));
+    let score = Score::of(factory.robot(), config.env.reward.as_deref())?;
+    let steps = (score == Score::Tracking).then(|| factory.max_episode_steps(config));
     let results = space.classes().iter().zip(episodes);
     let results = results.map(|(class, episodes)| summarize(class, episodes, period, steps));
     let simulator = factory.simulator(factory.evaluation_physics());
@@ -54,7 +55,7 @@ pub fn evaluate(
 }
 
 /// The result of a class from its episodes; `control_period` is the length of a step, s, and `commanded_steps` the
-/// number of steps of an episode without a failure for a task with commands.
+/// number of steps of an episode without a failure for a task whose tracking counts.
 fn summarize(
     class: &DamageClass,
     episodes: &[Episode],

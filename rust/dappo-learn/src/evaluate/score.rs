@@ -3,6 +3,7 @@
 use dappo_sim::Robot;
 use serde::Serialize;
 
+use crate::error::Result;
 use crate::walk::Episode;
 
 /// What policies are compared by; more is better.
@@ -16,10 +17,13 @@ pub enum Score {
 }
 
 impl Score {
-    /// Tracking for a task with commands, else the forward reward.
-    #[must_use]
-    pub fn of(robot: &Robot) -> Self {
-        if robot.commands.velocity.is_some() { Self::Tracking } else { Self::ForwardReward }
+    /// Tracking for a reward function with `track_lin_vel`, else the forward reward.
+    ///
+    /// # Errors
+    /// If the robot has no such reward function.
+    pub fn of(robot: &Robot, reward: Option<&str>) -> Result<Self> {
+        let tracks = robot.reward(reward)?.tracking().is_some();
+        Ok(if tracks { Self::Tracking } else { Self::ForwardReward })
     }
 
     /// The score of an episode that has at most `steps` env steps.
@@ -56,5 +60,26 @@ impl Score {
             Self::ForwardReward => ["forward_reward", "other_forward_reward"],
             Self::Tracking => ["tracking", "other_tracking"],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GO1: &str = include_str!("../../../../python/dappo_batch/robots/go1.toml");
+    const VELOCITY: &str = include_str!("../../../../python/dappo_batch/tasks/velocity.toml");
+
+    fn score(task: &str) -> Score {
+        let merged = dappo_sim::robot::with_task(GO1, task, "velocity").unwrap();
+        Score::of(&Robot::from_toml(&merged).unwrap(), None).unwrap()
+    }
+
+    #[test]
+    fn tracking_counts_only_with_a_reward_for_it() {
+        assert_eq!(score(VELOCITY), Score::Tracking);
+        let untracked: String =
+            VELOCITY.split_inclusive('\n').filter(|line| !line.starts_with("track_lin_vel")).collect();
+        assert_eq!(score(&untracked), Score::ForwardReward);
     }
 }

@@ -31,7 +31,7 @@ pub struct ClassResult {
     /// Mean over episodes of the distance forward, m.
     pub distance: f64,
     /// Mean over episodes of how well commanded velocities were tracked, from 0 to 1: the mean of the term
-    /// `track_lin_vel` over the steps of an episode, 0 after a failure. `None` for a task without commands.
+    /// `track_lin_vel` over the steps of an episode, 0 after a failure. `None` where the reward does not have it.
     pub tracking: Option<f64>,
     /// Standard error of that mean; NaN for a single episode.
     pub tracking_standard_error: Option<f64>,
