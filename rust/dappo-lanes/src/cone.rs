@@ -125,7 +125,7 @@ impl<T: Lane, const J: usize, const W: usize> ConeContact<T, J, W> {
             for joint in 0..joints {
                 angular = scale_add(kinematics.links[limb][joint].hinge(), x.limbs[limb][joint], angular);
             }
-            for joint in 0..self.contact.trunk_joints.min(W) {
+            for joint in 0..self.contact.trunk_joints() {
                 angular = scale_add(kinematics.links[0][joint].hinge(), x.limbs[0][joint], angular);
             }
         }

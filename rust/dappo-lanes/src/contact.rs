@@ -36,10 +36,10 @@ pub struct Contact<T: Lane, const J: usize, const W: usize> {
     pub tangent: [T; 2],
     /// Velocity of the contact when each joint of the limb turns with 1 rad/s.
     pub columns: [Vec3<T>; J],
-    /// How many joints of the trunk move the limb.
-    pub trunk_joints: usize,
-    /// Velocity of the contact when each of them turns with 1 rad/s.
+    /// Velocity of the contact when each joint of the trunk turns with 1 rad/s.
     pub trunk_columns: [Vec3<T>; W],
+    /// How many of these move the contact besides the joints of its limb.
+    carried_by: usize,
     /// 1/R of the normal or of every edge, and 0 in lanes without the contact.
     pub weight: T,
     /// Reference acceleration along n, μ t₁ and μ t₂.
@@ -47,6 +47,13 @@ pub struct Contact<T: Lane, const J: usize, const W: usize> {
 }
 
 impl<T: Lane, const J: usize, const W: usize> Contact<T, J, W> {
+    /// How many joints of the trunk move the contact besides those of its limb.
+    #[inline(always)]
+    pub fn trunk_joints(&self) -> usize {
+        // The bound takes loops over them out of the code for robots without a trunk.
+        self.carried_by.min(W)
+    }
+
     /// J x: velocity (or acceleration) of the contact along n, μ t₁, μ t₂.
     #[inline(always)]
     pub fn along<const L: usize>(&self, x: &Coords<T, L, J>) -> Vec3<T> {
@@ -56,7 +63,7 @@ impl<T: Lane, const J: usize, const W: usize> Contact<T, J, W> {
             for joint in 0..joints {
                 v = scale_add(self.columns[joint], x.limbs[limb][joint], v);
             }
-            for joint in 0..self.trunk_joints.min(W) {
+            for joint in 0..self.trunk_joints() {
                 v = scale_add(self.trunk_columns[joint], x.limbs[0][joint], v);
             }
         }
@@ -121,7 +128,7 @@ impl<T: Lane, const J: usize, const W: usize> Contacts<T, J, W> {
             let Some((at, distance, touching)) = place(carrier, point, kinematics, height) else {
                 continue;
             };
-            let trunk_joints = trunk_joints(carrier, skeleton);
+            let carried_by = trunk_joints(carrier, skeleton);
             let mut contact = Contact {
                 point: index,
                 limb: carrier.link.map(|(limb, joint)| (limb, joint + 1)),
@@ -131,8 +138,8 @@ impl<T: Lane, const J: usize, const W: usize> Contacts<T, J, W> {
                     None => [zero3(); J],
                     Some((limb, last)) => columns(&kinematics.links[limb], last + 1, at),
                 },
-                trunk_joints,
-                trunk_columns: columns(&kinematics.links[0], trunk_joints, at),
+                trunk_columns: columns(&kinematics.links[0], carried_by, at),
+                carried_by,
                 weight: T::zero(),
                 reference: zero3(),
             };

@@ -54,11 +54,11 @@ pub fn add_contact<T: Lane, const L: usize, const J: usize, const W: usize>(
         for inner in 0..joint + 1 {
             hessian.limbs[limb][joint][inner] += dot(contact.columns[inner], pushed);
         }
-        for trunk in 0..contact.trunk_joints.min(W) {
+        for trunk in 0..contact.trunk_joints() {
             hessian.trunk[limb][joint][trunk] += dot(contact.trunk_columns[trunk], pushed);
         }
     }
-    for joint in 0..contact.trunk_joints.min(W) {
+    for joint in 0..contact.trunk_joints() {
         let column = contact.trunk_columns[joint];
         let pushed = mul(&stiffness, column);
         gradient.limbs[0][joint] += dot(column, force);
@@ -123,12 +123,12 @@ pub fn add_turn<T: Lane, const L: usize, const J: usize, const W: usize>(
             hessian.limbs[limb][joint][inner] +=
                 dot(contact.columns[inner], force) + dot(links[inner].hinge(), turned);
         }
-        for trunk in 0..contact.trunk_joints.min(W) {
+        for trunk in 0..contact.trunk_joints() {
             hessian.trunk[limb][joint][trunk] +=
                 dot(contact.trunk_columns[trunk], force) + dot(trunk_links[trunk].hinge(), turned);
         }
     }
-    for joint in 0..contact.trunk_joints.min(W) {
+    for joint in 0..contact.trunk_joints() {
         let hinge = trunk_links[joint].hinge();
         let force = mul(&mixed, hinge);
         let turned = add(mul(&transposed, contact.trunk_columns[joint]), mul(&stiffness, hinge));
