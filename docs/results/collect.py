@@ -8,6 +8,8 @@ learners and seeds stay:
 - ``curves.svg``: the curves, a line for the mean over the seeds of a learner and a band from the lowest to
   the highest seed.
 
+Of a task with commands only the evaluations are collected; the curves are those of ``tracking.py``.
+
 It needs only Python.
 """
 
@@ -40,6 +42,11 @@ class Run:
     points: list[dict[str, float]]
     classes: list[dict[str, str]]
 
+    @property
+    def commanded(self) -> bool:
+        """Whether the task has commands, which the evaluation measures the tracking of."""
+        return bool(self.classes[0].get("tracking"))
+
 
 def main() -> None:
     """Write the tables and the picture."""
@@ -49,6 +56,11 @@ def main() -> None:
     found = {(run.learner, run.seed): run for run in [*collected(target), *map(read, map(Path, folders))]}
     runs = [found[key] for key in sorted(found)]
     write(target / "per_class.csv", (tag(run) | row for run in runs for row in run.classes))
+    if any(run.commanded for run in runs):
+        for run in runs:
+            tracking = mean(float(row["tracking"]) for row in run.classes)
+            print(f"{run.learner}, seed {run.seed}: {tracking:.3f}")
+        return
     write(target / "curves.csv", (tag(run) | rounded(point) for run in runs for point in run.points))
     learners: dict[str, list[list[dict[str, float]]]] = defaultdict(list)
     for run in runs:
@@ -62,9 +74,9 @@ def main() -> None:
 def collected(target: Path) -> Iterator[Run]:
     """Read the runs of the tables that are there."""
     tables = [target / "per_class.csv", target / "curves.csv"]
-    if not all(table.exists() for table in tables):
+    if not tables[0].exists():
         return
-    classes, points = (grouped(table) for table in tables)
+    classes, points = (grouped(table) if table.exists() else defaultdict(list) for table in tables)
     for (name, seed), rows in classes.items():
         curve = [{key: float(value) for key, value in row.items()} for row in points[name, seed]]
         yield Run(name, int(seed), curve, rows)

@@ -1,6 +1,6 @@
 """Compare the two learners of a results page, from its table.
 
-Usage: ``python docs/results/compare.py [--column episode_return] NAME [SEED...]`` reads
+Usage: ``python docs/results/compare.py [--column tracking] NAME [SEED...]`` reads
 ``docs/results/NAME/per_class.csv`` and prints, for all seeds or for those given, the mean of a column (by
 default the forward reward) for each learner, the gain of DA-PPO over PPO-Unaware with its interval, the
 classes in which it is ahead, and the groups of damage classes.
@@ -38,19 +38,22 @@ def main() -> None:
         rows = [row for row in csv.DictReader(file) if not asked.seeds or row["seed"] in asked.seeds]
     groups = {row["name"]: row["group"] for row in rows}
     aware, unaware = (rewards(rows, learner, asked.column) for learner in (AWARE, UNAWARE))
+    digits = 3 if asked.column.startswith("tracking") else 1
     for learner, found in (("DA-PPO", aware), ("PPO-Unaware", unaware)):
         means = {seed: mean(classes.values()) for seed, classes in found.items()}
-        each = ", ".join(f"seed {seed}: {value:.1f}" for seed, value in means.items())
-        print(f"{learner}: {mean(means.values()):.1f} ({each})")
+        each = ", ".join(f"seed {seed}: {value:.{digits}f}" for seed, value in means.items())
+        print(f"{learner}: {mean(means.values()):.{digits}f} ({each})")
     ahead = sum(over_seeds(aware, [name]) > over_seeds(unaware, [name]) for name in groups)
     print(f"DA-PPO ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)")
-    for place, ending in (("all classes", ""), ("adjacent pairs", " A"), ("opposite pairs", " O")):
+    for subset, ending in (("all classes", ""), ("adjacent pairs", " A"), ("opposite pairs", " O")):
         chosen = [name for name, group in groups.items() if group.endswith(ending)]
-        print(f"gain, {place} ({len(chosen)}): {gain(aware, unaware, chosen)}")
+        if chosen:
+            print(f"gain, {subset} ({len(chosen)}): {gain(aware, unaware, chosen)}")
+    places = digits - 1
     for group in dict.fromkeys(groups.values()):
         members = [name for name in groups if groups[name] == group]
         columns = (
-            ", ".join(f"{mean(classes[name] for name in members):.0f}" for classes in side.values())
+            ", ".join(f"{mean(classes[name] for name in members):.{places}f}" for classes in side.values())
             for side in (aware, unaware)
         )
         print(f"| {group} | {len(members)} | {' | '.join(columns)} |")
