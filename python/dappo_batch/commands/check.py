@@ -14,6 +14,7 @@ from dappo_batch._checks import folder, integer, sequence, text
 from dappo_batch.model import ClassTable, ClassTableError, compile_class_table, lanes
 from dappo_batch.model.class_table import damage_refusals
 from dappo_batch.model.mujoco_library import integrator_name
+from dappo_batch.model.symmetry import asymmetry
 from dappo_batch.results import ActuatorInfo, JointInfo, Reason, RobotReport
 from dappo_batch.robots import Robot, load_robot
 
@@ -136,6 +137,7 @@ def _report(table: ClassTable, refusals: Sequence[str]) -> RobotReport:
         backend="mujoco" if reasons else "lanes",
         reasons=reasons,
         notes=notes,
+        asymmetry=asymmetry(table),
         refusals=tuple(refusals),
     )
 
@@ -236,6 +238,7 @@ def _text(report: RobotReport) -> str:
         "",
         f"floor contacts: {_counted(report.floor_contacts) or 'none'}",
         f"self-collision: {'yes' if report.self_collision else 'no'}",
+        f"left and right are mirror images: {_symmetry(report.asymmetry)}",
     ]
     if report.variants:
         lines += [
@@ -255,6 +258,10 @@ def _text(report: RobotReport) -> str:
     if report.refusals:
         lines += ["", "damage that cannot be applied", *(f"  {refusal}" for refusal in report.refusals)]
     return "\n".join(lines)
+
+
+def _symmetry(asymmetry: str | None) -> str:
+    return "yes" if asymmetry is None else f"no, {asymmetry}"
 
 
 def _counted(geoms: Sequence[str]) -> str:

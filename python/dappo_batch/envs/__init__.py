@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from typing import Unpack
 
+from dappo_batch.envs.mirror import Mirror, Reflection
 from dappo_batch.envs.options import EnvOptions, RobotLike, VectorEnvOptions
 from dappo_batch.envs.registration import register_envs
 from dappo_batch.envs.single_env import DamageEnv
 from dappo_batch.envs.vector_env import DamageVectorEnv
 
-__all__ = ["DamageEnv", "DamageVectorEnv", "EnvOptions", "VectorEnvOptions", "make_vec", "register_envs"]
+__all__ = [
+    "DamageEnv",
+    "DamageVectorEnv",
+    "EnvOptions",
+    "Mirror",
+    "Reflection",
+    "VectorEnvOptions",
+    "make_vec",
+    "register_envs",
+]
 
 
 def make_vec(

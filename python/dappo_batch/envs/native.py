@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dappo_batch import _core
 from dappo_batch._core import ConfigError, SimulationError
 from dappo_batch._pickling import NotPicklable
+from dappo_batch.envs.mirror import Mirror, Reflection
 from dappo_batch.envs.options import RobotLike, VectorEnvOptions
 from dappo_batch.envs.simulation import (
     RGB_ARRAY,
@@ -100,6 +101,25 @@ class NativeEnv(NotPicklable):
     def event_names(self) -> list[str]:
         """Names of what the events of the task draw for an episode, E of them; see ``infos["events"]``."""
         return self._core.event_names
+
+    def mirror(self) -> Mirror:
+        """Return how observations and actions are reflected, left to right.
+
+        Raises
+        ------
+        ConfigError
+            If left and right of the robot, or what its task observes or rewards, are not mirror images of each
+            other, with the first difference.
+        SimulationError
+            If the env is closed.
+        """
+        self._check_open()
+        has_code = self._core.obs.shape[1] > len(self._core.entries)
+        obs, actions = (
+            Reflection(np.array([of for of, _ in pairs], np.intp), np.array([sign for _, sign in pairs], np.float32))
+            for pairs in self._core.reflections(self.table, has_code)
+        )
+        return Mirror(obs, actions)
 
     def _of_task(self) -> dict[str, NDArray[np.float64]]:
         """Return what a task with commands or events adds to the infos."""

@@ -146,6 +146,8 @@ class RobotReport(Result):
         Why it is not ``lanes``.
     notes : tuple of str
         In what ``lanes`` deliberately differs from the options of the MJCF.
+    asymmetry : str or None
+        What differs between left and right, so that ``ppo.symmetry`` is not possible; None if nothing does.
     refusals : tuple of str
         Why damage types cannot be applied to limbs, or damage classes do not compile.
     """
@@ -169,4 +171,5 @@ class RobotReport(Result):
     backend: str
     reasons: tuple[Reason, ...]
     notes: tuple[str, ...]
+    asymmetry: str | None
     refusals: tuple[str, ...]

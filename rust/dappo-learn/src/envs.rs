@@ -1,6 +1,7 @@
 //! Where the envs of a run come from: what can compile robots implements [`EnvFactory`].
 
 use dappo_sim::rng::env_keys;
+use dappo_sim::task::Reflections;
 use dappo_sim::vector_env::{Autoreset, VectorEnv, VectorEnvConfig};
 use dappo_sim::{Backend, DamageSpace, Physics, Robot, SimError};
 
@@ -20,6 +21,9 @@ pub trait EnvFactory {
 
     /// Lengths of what the policies of a configuration see and do.
     fn sizes(&self, config: &Config) -> std::result::Result<Sizes, SimError>;
+
+    /// How transitions are reflected where `ppo.symmetry` asks for it, or else `None`.
+    fn mirror(&self, config: &Config) -> std::result::Result<Option<Reflections>, SimError>;
 
     /// Integrator of the robot, as MuJoCo names it.
     fn integrator(&self) -> &str;

@@ -1,5 +1,6 @@
 //! Exact running mean and variance of observations.
 
+use dappo_sim::task::Reflection;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -62,6 +63,16 @@ impl Moments {
             }
         }
         Self { count: count as u64, mean, squares }
+    }
+
+    /// The moments of the mirror images of the rows.
+    fn reflected(&self, reflection: &Reflection) -> Self {
+        let images = || reflection.entries().iter().take(self.mean.len());
+        Self {
+            count: self.count,
+            mean: images().map(|image| f64::from(image.sign) * self.mean[image.of]).collect(),
+            squares: images().map(|image| self.squares[image.of]).collect(),
+        }
     }
 
     /// Chan, Golub and LeVeque (1979), "Updating formulae and a pairwise algorithm for computing sample
@@ -162,6 +173,18 @@ impl Normalizer {
     /// # Shapes
     /// obs `[N, obs_dim]`, raw
     pub fn update(&mut self, obs: &[f32]) -> Result<()> {
+        self.take(obs, None)
+    }
+
+    /// Takes the rows of `obs` and their mirror images into the statistics, which are mirror images of themselves then.
+    ///
+    /// # Shapes
+    /// obs `[N, obs_dim]`, raw; `reflection` is that of a row
+    pub fn update_mirrored(&mut self, obs: &[f32], reflection: &Reflection) -> Result<()> {
+        self.take(obs, Some(reflection))
+    }
+
+    fn take(&mut self, obs: &[f32], reflection: Option<&Reflection>) -> Result<()> {
         let (row_length, tracked) = (self.obs_dim(), self.mean.len());
         check_length("obs [N, obs_dim]", obs, obs.len() / row_length.max(1) * row_length)?;
         let chunks: Vec<Moments> = obs
@@ -172,6 +195,9 @@ impl Normalizer {
             Moments { count: self.count, mean: self.mean.clone(), squares: self.squares.clone() };
         for chunk in &chunks {
             moments.merge(chunk);
+            if let Some(reflection) = reflection {
+                moments.merge(&chunk.reflected(reflection));
+            }
         }
         // One bad observation would spoil the statistics permanently, so it is refused instead.
         for (index, mean) in moments.mean.iter().enumerate() {

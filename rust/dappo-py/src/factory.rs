@@ -7,7 +7,7 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;
-use dappo_sim::task::Task;
+use dappo_sim::task::{Reflections, Task};
 use dappo_sim::threads::available;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, VectorEnv};
 use pyo3::IntoPyObjectExt;
@@ -16,6 +16,7 @@ use pyo3::types::PyDict;
 
 use crate::class_table::{BackendOptions, ClassTable};
 use crate::errors::{Kind, OrRaise, raise, to_sim};
+use crate::symmetry;
 use crate::warp::{self, Room, WarpEngine};
 
 /// The class table of a configuration.
@@ -163,6 +164,17 @@ impl EnvFactory for TableFactory {
             code_length,
             action_dim: self.layout.nu,
         })
+    }
+
+    fn mirror(&self, config: &Config) -> Result<Option<Reflections>, SimError> {
+        if !config.ppo.symmetry {
+            return Ok(None);
+        }
+        let symmetry = Python::attach(|py| {
+            symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error))
+        })?;
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
+        task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space)).map(Some)
     }
 
     fn integrator(&self) -> &str {

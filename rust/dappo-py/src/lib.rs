@@ -19,6 +19,7 @@ mod pool;
 mod python_terms;
 mod robot;
 mod run_robot;
+mod symmetry;
 mod testing;
 mod variants;
 mod vector_env;

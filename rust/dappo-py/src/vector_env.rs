@@ -3,13 +3,15 @@
 mod running;
 mod views;
 
+use dappo_sim::task::{Reflection, Reflections};
 use dappo_sim::vector_env::{Buffers, ResetOptions, VectorEnv, VectorEnvConfig, VectorEnvSnapshot};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::arguments::not_contiguous;
 use crate::class_table::ClassTable;
-use crate::errors::{Kind, raise};
+use crate::errors::{Kind, OrRaise, raise};
+use crate::symmetry;
 use crate::warp::Room;
 use running::{Running, Wish};
 use views::{view1, view2};
@@ -60,6 +62,8 @@ fn optional(values: Option<PyReadonlyArray1<'_, i64>>) -> PyResult<Option<Vec<Op
         .transpose()
 }
 
+/// Entries of a reflection.
+type Images = Vec<(usize, f32)>;
 type Flags<'py> = Bound<'py, PyArray1<bool>>;
 type Numbers<'py> = Bound<'py, PyArray1<f64>>;
 type Integers<'py> = Bound<'py, PyArray1<i64>>;
@@ -293,6 +297,18 @@ impl PyVectorEnv {
     fn entries(&self) -> PyResult<Vec<(String, String)>> {
         let entries = self.env()?.backend().task().entries().into_iter();
         Ok(entries.map(|entry| (entry.name, entry.unit)).collect())
+    }
+
+    /// The reflections of observations and actions: of each entry, which one it is of the vector, and its sign.
+    fn reflections(&self, table: &Bound<'_, PyAny>, observe_damage: bool) -> PyResult<(Images, Images)> {
+        let (symmetry, table) = (symmetry::find(table)?, ClassTable::read(table)?);
+        let task = self.env()?.backend().task();
+        let codes = observe_damage.then_some(&table.space);
+        let Reflections { obs, action } = task.reflections(&symmetry, codes).or_raise()?;
+        let pairs = |reflection: &Reflection| {
+            reflection.entries().iter().map(|image| (image.of, image.sign)).collect()
+        };
+        Ok((pairs(&obs), pairs(&action)))
     }
 
     /// Names of what the events draw for an episode.

@@ -9,6 +9,7 @@ use dappo_learn::walk::{Event, EventKind, Kept, KnownClasses, Trial, Walks};
 use dappo_nn::diagnoser::DiagnoserNet;
 use dappo_nn::{FrozenMlp, InputTransform, Policy, Standardizer, cpu};
 use dappo_sim::rng::env_keys;
+use dappo_sim::task::Reflections;
 use dappo_sim::vector_env::{DamageCourse, StepRange, VectorEnv, VectorEnvConfig};
 use dappo_sim::{Backend, DamageSpace, Physics, Robot, SimError};
 
@@ -67,6 +68,10 @@ impl EnvFactory for Factory {
 
     fn sizes(&self, _: &Config) -> Result<Sizes, SimError> {
         Ok(Sizes { obs_dim: OBS + CODE, privileged: 0, code_length: CODE, action_dim: 2 })
+    }
+
+    fn mirror(&self, _: &Config) -> Result<Option<Reflections>, SimError> {
+        Ok(None)
     }
 
     fn integrator(&self) -> &'static str {

@@ -80,6 +80,9 @@ pub struct PpoConfig {
     pub value_learning_rate: f64,
     /// `constant` or `linear`: how both learning rates change during a run.
     pub schedule: Schedule,
+    /// Whether the networks are trained on mirror images, too: half of the robots are seen as in a mirror.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub symmetry: bool,
 }
 
 impl Default for PpoConfig {
@@ -105,6 +108,7 @@ impl Default for PpoConfig {
             value_minibatch_size: 2048,
             value_learning_rate: 1e-3,
             schedule: Schedule::Constant,
+            symmetry: false,
         }
     }
 }

@@ -19,6 +19,7 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use dappo_nn::{ActorCritic, FrozenActorCritic, Gradients, Normalizer, adam};
 use dappo_sim::rng::{Purpose, Stream};
+use dappo_sim::task::Reflections;
 
 pub use config::{PpoConfig, Schedule};
 pub use loss::{Adaptation, PpoLosses};
@@ -43,6 +44,8 @@ pub struct Ppo {
     adaptation: Adaptation,
     normalizer: Normalizer,
     previous: Option<ValueBatch>,
+    /// How transitions are reflected, if the networks are trained on their mirror images, too.
+    mirror: Option<Reflections>,
 }
 
 impl Ppo {
@@ -75,7 +78,16 @@ impl Ppo {
             adaptation: Adaptation::default(),
             normalizer: Normalizer::new(obs_dim, code_length)?.with_code_scale(config.code_scale as f32),
             previous: None,
+            mirror: None,
         })
+    }
+
+    /// The same learner with mirror images: in each pass over a batch, each transition is taken as it is or reflected,
+    /// by chance, as if half of the robots had been seen in a mirror (Mittal et al., 2024, "Symmetry considerations for
+    /// learning task symmetric robot policies"). Does nothing for `None`.
+    #[must_use]
+    pub fn with_mirror(self, mirror: Option<Reflections>) -> Self {
+        Self { mirror, ..self }
     }
 
     /// The networks as they are now, for whatever acts with them.

@@ -133,6 +133,7 @@ impl Ppo {
             adaptation: header.adaptation,
             normalizer: header.normalizer,
             previous,
+            mirror: None,
         })
     }
 }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use dappo_sim::task::Reflections;
+
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
 use crate::config::Config;
 use crate::engine::RolloutEngine;
@@ -20,6 +22,8 @@ pub(super) struct Session {
     pub episodes: EpisodeTracker,
     pub progress: Progress,
     engine: Box<dyn RolloutEngine>,
+    /// How transitions are reflected, if they are.
+    mirror: Option<Reflections>,
     sizes: Sizes,
     num_envs: usize,
     robot: String,
@@ -38,11 +42,13 @@ impl Session {
         let sizes = factory.sizes(config)?;
         let num_envs = config.env.num_envs;
         let device = config.ppo.device.open()?;
+        let mirror = factory.mirror(config)?;
         let reward = factory.robot().reward(config.env.reward.as_deref())?;
         let metric = |name: &str| format!("reward_{name}");
         Ok(Self {
             engine: factory.engine(config)?,
-            ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?,
+            ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?.with_mirror(mirror.clone()),
+            mirror,
             episodes: EpisodeTracker::new(num_envs),
             progress: Progress { iteration: 0, env_steps: 0, stage: 0 },
             sizes,
@@ -58,7 +64,8 @@ impl Session {
     /// Goes back to the newest checkpoint of the run.
     pub fn load(&mut self, run: &LockedRun, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
-        self.ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
+        let ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
+        self.ppo = ppo.with_mirror(self.mirror.clone());
         self.episodes = checkpoint.restore_envs(self.engine.as_mut())?;
         self.progress = checkpoint.progress;
         // Stage 0 until `enter_stage` sees the difference and sets the class distribution.

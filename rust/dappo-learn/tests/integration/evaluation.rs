@@ -10,6 +10,7 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Encoding, MeanActions};
+use dappo_sim::task::Reflections;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Physics, Precision, Robot, Severity, SimError};
 
 pub const CLASSES: usize = 33;
@@ -41,6 +42,10 @@ impl EnvFactory for Factory {
     fn sizes(&self, config: &Config) -> Result<Sizes, SimError> {
         let code_length = if config.env.observe_damage { CODE } else { 0 };
         Ok(Sizes { obs_dim: ROW + code_length, privileged: 0, code_length, action_dim: 2 })
+    }
+
+    fn mirror(&self, _: &Config) -> Result<Option<Reflections>, SimError> {
+        Ok(None)
     }
 
     fn integrator(&self) -> &'static str {

@@ -27,6 +27,7 @@ mod reward;
 mod scene;
 mod signals;
 mod state;
+mod symmetry;
 mod termination;
 mod variants;
 
@@ -45,6 +46,7 @@ pub use faults::{EncoderFault, FaultCourse, ImuFault, ImuOffset, SensorFaultKind
 pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
 pub use signals::Signals;
+pub use symmetry::{Image, Reflection, Reflections, Symmetry};
 pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 pub use variants::{BodyEvent, BodyEvents, Jam, Variants};
 
