@@ -220,6 +220,8 @@ impl Normalizer {
 
 #[cfg(test)]
 mod tests {
+    use dappo_sim::task::Image;
+
     use super::*;
 
     /// `np.sin(i * .7) * 3 + i % 3 * 100` as `[2500, 3]` f32, the last column replaced by `i % 2`.
@@ -252,6 +254,24 @@ mod tests {
             let variance = [4.500_104_569_329, 4.499_225_366_279, 0.25];
             assert_close(&normalizer.variance(), &variance, 1e-9);
         }
+    }
+
+    #[test]
+    fn statistics_with_mirror_images_are_those_of_rows_and_images_together() {
+        // The first two entries take each other's place, one with another sign.
+        let image = |of, sign| Image { of, sign };
+        let reflection = Reflection::new(vec![image(1, -1.0), image(0, -1.0), image(2, 1.0)]);
+        let mut images = rows();
+        for (image, row) in images.chunks_exact_mut(3).zip(rows().chunks_exact(3)) {
+            reflection.apply(row, image);
+        }
+        let (mut mirrored, mut together) = (Normalizer::new(3, 1).unwrap(), Normalizer::new(3, 1).unwrap());
+        mirrored.update_mirrored(&rows(), &reflection).unwrap();
+        together.update(&[rows(), images].concat()).unwrap();
+        assert_eq!(mirrored.count(), together.count());
+        assert_close(mirrored.mean(), together.mean(), 1e-9);
+        assert_close(&mirrored.variance(), &together.variance(), 1e-9);
+        assert!((mirrored.mean()[0] + mirrored.mean()[1]).abs() < 1e-9);
     }
 
     #[test]

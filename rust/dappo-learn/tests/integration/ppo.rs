@@ -7,6 +7,7 @@ use dappo_learn::Sizes;
 use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, Schedule, gae};
 use dappo_nn::Gradients;
 use dappo_sim::rng::{Purpose, Stream};
+use dappo_sim::task::{Image, Reflection, Reflections};
 
 const OBS: usize = 3;
 const CODE: usize = 1;
@@ -28,8 +29,21 @@ fn learner(config: &PpoConfig) -> Ppo {
     Ppo::new(config, SIZES, 7, &Device::flex()).unwrap()
 }
 
+/// The mirror image of the bandit changes the signs of obs₀ and the first action.
+fn mirror() -> Reflections {
+    let signs = |signs: &[f32]| {
+        Reflection::new(signs.iter().enumerate().map(|(of, &sign)| Image { of, sign }).collect())
+    };
+    Reflections { obs: signs(&[-1.0, 1.0, 1.0]), action: signs(&[-1.0, 1.0]) }
+}
+
 /// A bandit: every step is an episode, and the best action is (obs₀, −code) / 2.
 fn play(ppo: &Ppo, iteration: u64) -> Rollout {
+    play_with(ppo, iteration, |obs| obs)
+}
+
+/// The same where obs₀ is what `shown` makes of it.
+fn play_with(ppo: &Ppo, iteration: u64, shown: fn(f32) -> f32) -> Rollout {
     let (horizon, envs) = (8, 64);
     let mut stream = Stream::new(11, iteration, Purpose::ActionNoise);
     let networks = ppo.frozen().unwrap();
@@ -37,7 +51,7 @@ fn play(ppo: &Ppo, iteration: u64) -> Rollout {
     for step in 0..horizon {
         let obs: Vec<f32> = (0..envs)
             .flat_map(|_| {
-                [2.0 * stream.normal() as f32, 5.0 + stream.normal() as f32, stream.below(2) as f32]
+                [shown(2.0 * stream.normal() as f32), 5.0 + stream.normal() as f32, stream.below(2) as f32]
             })
             .collect();
         let noise: Vec<f32> = (0..envs * ACTIONS).map(|_| stream.normal() as f32).collect();
@@ -56,9 +70,13 @@ fn play(ppo: &Ppo, iteration: u64) -> Rollout {
 
 fn train(ppo: &mut Ppo) -> (f64, PpoLosses) {
     let rollout = play(ppo, ppo.updates());
-    let targets = gae(&rollout, ppo.config().gamma, ppo.config().gae_lambda).unwrap();
+    learn(ppo, &rollout)
+}
+
+fn learn(ppo: &mut Ppo, rollout: &Rollout) -> (f64, PpoLosses) {
+    let targets = gae(rollout, ppo.config().gamma, ppo.config().gae_lambda).unwrap();
     let mean = rollout.rewards.iter().map(|r| f64::from(*r)).sum::<f64>() / rollout.len() as f64;
-    (mean, ppo.update(&rollout, &targets, 0.0).unwrap())
+    (mean, ppo.update(rollout, &targets, 0.0).unwrap())
 }
 
 /// Adam's first step has the length of the learning rate for each weight, whatever the gradient is.
@@ -119,6 +137,36 @@ fn the_policy_of_a_continuous_bandit_improves_and_uses_the_code() {
     let actions = ppo.frozen().unwrap().policy.mean_actions(&obs).unwrap();
     assert!((actions[0] - 1.0).abs() < 0.35, "{actions:?}");
     assert!(actions[1] - actions[3] > 0.25, "the code should move the second action by 1/2: {actions:?}");
+}
+
+/// What is seen with obs₀ > 0 alone is learned for obs₀ < 0, too.
+#[test]
+fn a_learner_with_a_mirror_learns_the_side_that_it_has_not_seen() {
+    let config = PpoConfig { learning_rate: 3e-3, ..small() };
+    let error_on_the_other_side = |mirror: Option<Reflections>| {
+        let mut ppo = learner(&config).with_mirror(mirror);
+        for _ in 0..60 {
+            let rollout = play_with(&ppo, ppo.updates(), f32::abs);
+            learn(&mut ppo, &rollout);
+        }
+        let mean = ppo.normalizer().mean()[0];
+        let actions = ppo.frozen().unwrap().policy.mean_actions(&[-2.0, 5.0, 0.0]).unwrap();
+        ((actions[0] + 1.0).abs(), mean)
+    };
+    let (error, mean) = error_on_the_other_side(Some(mirror()));
+    assert!(error < 0.35 && mean.abs() < 1e-9, "{error}, mean of obs₀ {mean}");
+    let (error, mean) = error_on_the_other_side(None);
+    assert!(error > 0.7 && mean > 1.0, "without the mirror {error}, mean of obs₀ {mean}");
+}
+
+#[test]
+fn a_mirror_of_another_length_is_refused() {
+    let other = Reflections { action: Reflection::default(), ..mirror() };
+    let mut ppo = learner(&small()).with_mirror(Some(other));
+    let rollout = play(&ppo, 0);
+    let targets = gae(&rollout, 0.9, 0.9).unwrap();
+    let message = ppo.update(&rollout, &targets, 0.0).unwrap_err().to_string();
+    assert_eq!(message, "action_dim of the reflection has 0 elements, expected 2");
 }
 
 #[test]
@@ -280,10 +328,15 @@ fn a_learner_goes_from_the_cpu_to_wgpu_and_back_and_learns_the_same() {
 
 #[test]
 fn three_iterations_with_written_gradients_follow_those_with_burns_autodiff_and_adam() {
+    assert_written_follow_recorded(None);
+    assert_written_follow_recorded(Some(mirror()));
+}
+
+fn assert_written_follow_recorded(mirror: Option<Reflections>) {
     // One pass over the batch: a second would begin where rounding has already moved a ratio across the clip range.
     let config = |gradients| PpoConfig { gradients: Some(gradients), epochs: 1, value_epochs: 1, ..small() };
-    let mut written = learner(&config(Gradients::Written));
-    let mut recorded = learner(&config(Gradients::Recorded));
+    let mut written = learner(&config(Gradients::Written)).with_mirror(mirror.clone());
+    let mut recorded = learner(&config(Gradients::Recorded)).with_mirror(mirror);
     let near = |got: f64, expected: f64| (got - expected).abs() <= 2e-4 * expected.abs().max(1e-2);
     for iteration in 0..3 {
         // Both learn from what the first one did.

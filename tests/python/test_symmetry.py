@@ -1,0 +1,167 @@
+"""Mirror images: which parts are those of others, and that a mirrored robot moves as in a mirror."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import dappo_batch
+from dappo_batch import ConfigError
+from dappo_batch.model import compile_class_table
+from dappo_batch.model.symmetry import find_symmetry
+
+ROBOTS = Path(dappo_batch.__file__).parent / "robots"
+SIDES = {
+    "ant": (("front_left", "front_right"), ("back_left", "back_right")),
+    "go1": (("FL", "FR"), ("RL", "RR")),
+    "go2": (("FL", "FR"), ("RL", "RR")),
+}
+EVERYTHING = """
+[commands.velocity]
+lin_vel_x = [0.4, 0.4]
+lin_vel_y = [0.0, 0.0]
+ang_vel_z = [0.0, 0.0]
+resample_every = [100.0, 100.0]
+
+[actions]
+type = "joint_position"
+scale = 0.5
+
+[observation.policy]
+terms = [
+  { term = "qpos" },
+  { term = "qvel", delay = 1 },
+  { term = "cfrc_ext", clip = 1.0 },
+  { term = "touch" },
+  { term = "base_height" },
+  { term = "base_lin_vel" },
+  { term = "base_ang_vel", history = 3 },
+  { term = "projected_gravity" },
+  { term = "command" },
+  { term = "joint_pos", scale = 2.0 },
+  { term = "joint_vel" },
+  { term = "last_action" },
+  { term = "clock", period = 0.5 },
+  { term = "foot_contact" },
+  { term = "foot_vel" },
+  { term = "foot_height" },
+  { term = "foot_air_time" },
+]
+
+[reset]
+keyframe = "home"
+
+[rewards]
+track_lin_vel = { weight = 1.0, std = 0.5 }
+torque_squared = { weight = -2e-5 }
+feet_slip = { weight = -0.05 }
+
+[terminations]
+tilt = { angle = 1.5 }
+"""
+
+
+def mirrored_name(name: str, sides: tuple[tuple[str, str], ...]) -> str:
+    for pair in sides:
+        for one, other in (pair, pair[::-1]):
+            if name.startswith(one):
+                return other + name.removeprefix(one)
+    return name
+
+
+@pytest.mark.parametrize("name", SIDES)
+def test_limbs_and_bodies_are_matched_with_those_of_the_other_side(name: str) -> None:
+    table = compile_class_table(name, max_damaged_limbs=0)
+    found = find_symmetry(table)
+    limbs = [limb.name for limb in table.robot.limbs]
+    assert [limbs[image] for image in found.limbs] == [mirrored_name(limb, SIDES[name]) for limb in limbs]
+    bodies = [table.models[0].body(index).name for index in range(table.models[0].nbody)]
+    if name != "ant":  # its bodies have numbers
+        assert [bodies[image] for image in found.bodies] == [mirrored_name(body, SIDES[name]) for body in bodies]
+        signs = [image.sign for image in found.joints]
+        assert signs == [-1.0, 1.0, 1.0] * 4, "hips turn about x, thighs and calves about y"
+
+
+def everything(tmp_path: Path) -> Path:
+    """Return the Go1 with a task that observes all terms, without noise, and in which nothing is random."""
+    text = (ROBOTS / "go1.toml").read_text()
+    text = re.sub(r'^task = .*$', "frame_skip = 5\nmax_episode_steps = 1000", text, flags=re.MULTILINE)
+    text = text.replace('"go1.xml"', f'"{ROBOTS / "go1.xml"}"').partition("[tasks.velocity.reset]")[0]
+    path = tmp_path / "everything.toml"
+    path.write_text(text + EVERYTHING)
+    return path
+
+
+def reflected_state(
+    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, sides: tuple[tuple[str, str], ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mirror image of a state, from the names of joints, and hinges along z and x that turn the other way."""
+    image_qpos, image_qvel = np.empty_like(qpos), np.empty_like(qvel)
+    image_qpos[:7] = qpos[:7] * [1, -1, 1, 1, -1, 1, -1]
+    image_qvel[:6] = qvel[:6] * [1, -1, 1, -1, 1, -1]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for joint in range(1, model.njnt):
+        other = model.joint(mirrored_joint(model.joint(joint).name, sides)).id
+        axis = data.xaxis[joint] @ (data.xaxis[other] * [-1, 1, -1])
+        assert abs(abs(axis) - 1) < 1e-6
+        image_qpos[6 + joint] = np.sign(axis) * qpos[6 + other]
+        image_qvel[5 + joint] = np.sign(axis) * qvel[5 + other]
+    return image_qpos, image_qvel
+
+
+def mirrored_joint(name: str, sides: tuple[tuple[str, str], ...]) -> str:
+    ant = {"1": "4", "2": "3", "3": "2", "4": "1"}
+    if sides is SIDES["ant"]:
+        return name[:-1] + ant[name[-1]]
+    return mirrored_name(name, sides)
+
+
+@pytest.mark.parametrize("backend", ["mujoco", "lanes"])
+@pytest.mark.parametrize("name", ["ant", "go1"])
+def test_a_mirrored_robot_is_observed_and_rewarded_as_in_a_mirror(
+    name: str, backend: str, tmp_path: Path
+) -> None:
+    robot = everything(tmp_path) if name == "go1" else name
+    table = compile_class_table(robot, max_damaged_limbs=1)
+    classes = table.space.classes
+    limbs = find_symmetry(table).limbs
+    ids = [item.id for item in classes]
+    images = []
+    for item in classes:
+        kind, _, limb = item.name.partition("@")
+        images.append(table.space.parse(f"{kind}@{limbs[int(limb)]}") if limb else item.id)
+    count = len(ids)
+    env = dappo_batch.make_vec(
+        table, 2 * count, backend=backend, precision="f64", seed=3, max_episode_steps=1000
+    )
+    env.reset(options={"damage": [*ids, *images]})
+    model, rng = table.models[0], np.random.default_rng(5)
+    qpos, qvel = env.get_state()
+    joints = slice(7, None)
+    qpos[:count, joints] += rng.uniform(-0.1, 0.1, (count, model.nq - 7))
+    qpos[:count, :3] += rng.uniform(-0.02, 0.02, (count, 3))
+    qpos[:count, 3:7] += rng.uniform(-0.1, 0.1, (count, 4))
+    qpos[:count, 3:7] /= np.linalg.norm(qpos[:count, 3:7], axis=1, keepdims=True)
+    qvel[:count] += rng.uniform(-0.5, 0.5, (count, model.nv))
+    for index in range(count):
+        qpos[count + index], qvel[count + index] = reflected_state(model, qpos[index], qvel[index], SIDES[name])
+    obs = env.set_state(qpos, qvel)
+    mirror = env.mirror()
+    scale = np.abs(obs).max(axis=0) + 1e-3
+    close = lambda: np.abs(obs[count:] - mirror.obs(obs[:count])) / scale  # noqa: E731
+    assert close().max() < 1e-5, env.obs_names[int(close().max(axis=0).argmax())]
+    assert np.array_equal(mirror.obs(mirror.obs(obs)), obs)
+    moved = obs
+    for _ in range(6):
+        actions = rng.uniform(-1, 1, (count, env.single_action_space.shape[0])).astype(np.float32)
+        obs, rewards, *_ = env.step(np.concatenate([actions, mirror.actions(actions)]))
+        scale = np.maximum(scale, np.abs(obs).max(axis=0))
+        assert close().max() < 1e-4, env.obs_names[int(close().max(axis=0).argmax())]
+        np.testing.assert_allclose(rewards[count:], rewards[:count], rtol=1e-4, atol=1e-4)
+    assert np.abs(obs - moved).max() > 0.1
+    env.close()
