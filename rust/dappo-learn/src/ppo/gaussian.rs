@@ -184,10 +184,10 @@ mod tests {
 
     fn batch(old_log_probs: &[f32; 3], advantages: [f32; 3]) -> PolicyBatch<'_> {
         PolicyBatch {
-            obs: &[],
-            actions: &ACTIONS,
-            means: &OLD_MEANS,
-            log_probs: old_log_probs,
+            obs: (&[]).into(),
+            actions: (&ACTIONS).into(),
+            means: (&OLD_MEANS).into(),
+            log_probs: old_log_probs.into(),
             advantages: advantages.to_vec(),
         }
     }

@@ -154,8 +154,6 @@ fn vector(values: &[f32]) -> Tensor<1> {
 
 #[cfg(test)]
 mod tests {
-    use std::borrow::Cow;
-
     use burn::tensor::Device;
     use dappo_sim::rng::{Purpose, Stream};
 
@@ -227,10 +225,10 @@ mod tests {
         let actions: Vec<f32> = means.iter().zip(noise).map(|(mean, z)| mean + z).collect();
         let advantages = normals(ROWS, 1.0, 7);
         let batch = PolicyBatch {
-            obs: Cow::Borrowed(&obs),
-            actions: Cow::Borrowed(&actions),
-            means: Cow::Borrowed(&means),
-            log_probs: Cow::Borrowed(log_probs),
+            obs: obs.into(),
+            actions: actions.into(),
+            means: means.into(),
+            log_probs: log_probs.into(),
             advantages,
         };
         let probe: Vec<i32> = (0..ROWS as i32).step_by(3).collect();
