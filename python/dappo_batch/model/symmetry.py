@@ -14,6 +14,8 @@ import numpy as np
 
 from dappo_batch._core import ConfigError
 from dappo_batch.model.anatomy import default_pose
+from dappo_batch.model.mujoco_library import quiet_mujoco
+from dappo_batch.model.robot_spec import read_robot_spec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +82,10 @@ def asymmetry(table: ClassTable) -> str | None:
 
 
 def _search(table: ClassTable) -> Symmetry:
-    model = table.models[0]
+    # The robot as its MJCF describes it: in variants of it centres of mass may lie to one side.
+    with quiet_mujoco():
+        spec, _ = read_robot_spec(table.robot)
+        model = spec.compile()
     return _Mirror(model, default_pose(table.robot, model)).symmetry(table)
 
 
@@ -121,6 +126,8 @@ class _Mirror:
     def _bodies(self) -> list[int]:
         """Match bodies from the root outwards; what does not belong to the robot stays where it is."""
         images = list(range(self.model.nbody))
+        if not self._are_images(self.root, self.root):
+            raise _Asymmetry(f"body {self._body(self.root)} has its centre of mass to one side")
         pairs = [(self.root, self.root)]
         while pairs:
             body, image = pairs.pop()
