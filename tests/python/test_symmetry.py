@@ -83,13 +83,15 @@ def test_limbs_and_bodies_are_matched_with_those_of_the_other_side(name: str) ->
     assert [limbs[image] for image in found.limbs] == [mirrored_name(limb, SIDES[name]) for limb in limbs]
     bodies = [table.models[0].body(index).name for index in range(table.models[0].nbody)]
     if name != "ant":  # its bodies have numbers
-        assert [bodies[image] for image in found.bodies] == [mirrored_name(body, SIDES[name]) for body in bodies]
+        assert [bodies[image] for image in found.bodies] == [
+            mirrored_name(body, SIDES[name]) for body in bodies
+        ]
         signs = [image.sign for image in found.joints]
         assert signs == [-1.0, 1.0, 1.0] * 4, "hips turn about x, thighs and calves about y"
 
 
 def symmetric_go1() -> str:
-    """Return the MJCF of the Go1 with the centres of mass and axes of inertia of trunk and calves in the plane y = 0.
+    """Return the MJCF of the Go1 with centres of mass and axes of inertia of trunk and calves in the plane.
 
     Those that Unitree has published lie up to 2 mm beside it.
     """
@@ -111,7 +113,7 @@ def everything(tmp_path: Path) -> Path:
     """Return the Go1 with a task that observes all terms, without noise, and in which nothing is random."""
     text = (ROBOTS / "go1.toml").read_text()
     (tmp_path / "go1.xml").write_text(symmetric_go1())
-    text = re.sub(r'^task = .*$', "frame_skip = 5\nmax_episode_steps = 1000", text, flags=re.MULTILINE)
+    text = re.sub(r"^task = .*$", "frame_skip = 5\nmax_episode_steps = 1000", text, flags=re.MULTILINE)
     text = text.partition("[tasks.velocity.reset]")[0]
     path = tmp_path / "everything.toml"
     path.write_text(text + EVERYTHING)
@@ -121,7 +123,7 @@ def everything(tmp_path: Path) -> Path:
 def reflected_state(
     model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, sides: tuple[tuple[str, str], ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mirror image of a state, from the names of joints, and hinges along z and x that turn the other way."""
+    """Return the mirror image of a state, from the names of joints and the axes of hinges."""
     image_qpos, image_qvel = np.empty_like(qpos), np.empty_like(qvel)
     image_qpos[:7] = qpos[:7] * [1, -1, 1, 1, -1, 1, -1]
     image_qvel[:6] = qvel[:6] * [1, -1, 1, -1, 1, -1]
@@ -171,7 +173,9 @@ def test_a_mirrored_robot_is_observed_and_rewarded_as_in_a_mirror(
     qpos[:count, 3:7] /= np.linalg.norm(qpos[:count, 3:7], axis=1, keepdims=True)
     qvel[:count] += rng.uniform(-0.5, 0.5, (count, model.nv))
     for index in range(count):
-        qpos[count + index], qvel[count + index] = reflected_state(model, qpos[index], qvel[index], SIDES[name])
+        qpos[count + index], qvel[count + index] = reflected_state(
+            model, qpos[index], qvel[index], SIDES[name]
+        )
     obs = env.set_state(qpos, qvel)
     mirror = env.mirror()
     scale = np.abs(obs).max(axis=0) + 1e-3
@@ -237,8 +241,16 @@ def test_what_events_draw_is_reflected_by_its_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("lin_vel_y = [0.0, 0.0]", "lin_vel_y = [0.0, 0.5]", r"lin_vel_y is \[0, 0.5\], expected a range from -x to x"),
-        ("scale = 0.5", 'scale = { "F.*" = 0.5, "RR.*" = 0.4, "RL.*" = 0.5 }', "another scale or another default"),
+        (
+            "lin_vel_y = [0.0, 0.0]",
+            "lin_vel_y = [0.0, 0.5]",
+            r"lin_vel_y is \[0, 0.5\], expected a range from -x to x",
+        ),
+        (
+            "scale = 0.5",
+            'scale = { "F.*" = 0.5, "RR.*" = 0.4, "RL.*" = 0.5 }',
+            "another scale or another default",
+        ),
         (
             '{ term = "touch" }',
             '{ term = "python", function = "own_term:pitch", size = 1 }',
@@ -263,8 +275,16 @@ def test_a_task_that_differs_between_left_and_right_is_refused(
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('name="RL_calf" pos="0 0 -0.213"', 'name="RL_calf" pos="0 0 -0.23"', "R[LR]_calf has no mirror image"),
-        ('mass="5.204" pos="0.0223 0', 'mass="5.204" pos="0.0223 0.05', "trunk has its centre of mass to one side"),
+        (
+            'name="RL_calf" pos="0 0 -0.213"',
+            'name="RL_calf" pos="0 0 -0.23"',
+            "R[LR]_calf has no mirror image",
+        ),
+        (
+            'mass="5.204" pos="0.0223 0',
+            'mass="5.204" pos="0.0223 0.05',
+            "trunk has its centre of mass to one side",
+        ),
         (
             '<joint name="FR_hip_joint"',
             '<joint axis="-1 0 0" range="-0.1 0.863" name="FR_hip_joint"',
@@ -282,7 +302,8 @@ def test_a_robot_that_differs_between_left_and_right_is_refused(
     with pytest.raises(ConfigError, match=f"left and right are not mirror images: .*{reason}"):
         find_symmetry(compile_class_table(path, max_damaged_limbs=0))
     report = dappo_batch.check_robot(path, max_damaged_limbs=0)
-    assert report.asymmetry is not None and re.search(reason, report.asymmetry)
+    assert report.asymmetry is not None
+    assert re.search(reason, report.asymmetry)
 
 
 def test_a_hinge_may_turn_the_other_way(tmp_path: Path) -> None:

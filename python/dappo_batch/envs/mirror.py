@@ -34,8 +34,8 @@ class Reflection:
 class Mirror:
     """How observations and actions of a robot are reflected at its plane of symmetry, left to right.
 
-    If ``s`` is followed by ``t`` with the action ``a``, ``mirror.obs(s)`` is followed by ``mirror.obs(t)`` with
-    ``mirror.actions(a)``, with the same reward.
+    If the action ``a`` leads from ``s`` to ``t``, ``mirror.actions(a)`` leads from ``mirror.obs(s)`` to
+    ``mirror.obs(t)``, with the same reward.
 
     Attributes
     ----------

@@ -108,15 +108,17 @@ class NativeEnv(NotPicklable):
         Raises
         ------
         ConfigError
-            If left and right of the robot, or what its task observes or rewards, are not mirror images of each
-            other, with the first difference.
+            If left and right of the robot, or what its task observes or rewards, are not mirror images of
+            each other, with the first difference.
         SimulationError
             If the env is closed.
         """
         self._check_open()
         has_code = self._core.obs.shape[1] > len(self._core.entries)
         obs, actions = (
-            Reflection(np.array([of for of, _ in pairs], np.intp), np.array([sign for _, sign in pairs], np.float32))
+            Reflection(
+                np.array([of for of, _ in pairs], np.intp), np.array([sign for _, sign in pairs], np.float32)
+            )
             for pairs in self._core.reflections(self.table, has_code)
         )
         return Mirror(obs, actions)

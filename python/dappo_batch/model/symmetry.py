@@ -1,7 +1,7 @@
 """Left-right symmetry of a compiled robot: which of its parts are mirror images of each other.
 
-The mirror is the plane y = 0 through the root in the default pose. Bodies are matched from the root outwards by mass,
-place and joints.
+The mirror is the plane y = 0 through the root in the default pose. Bodies are matched from the root outwards
+by mass, place and joints.
 """
 
 from __future__ import annotations
@@ -178,16 +178,16 @@ class _Mirror:
         if kind != int(model.jnt_type[image]) or abs(cosine) < 1 - _ANGLE or apart > _PLACE * self.extent:
             raise _Asymmetry(f"{names} have different axes")
         sign = 1.0 if cosine > 0 else -1.0
-        limits = [
-            np.sort(sign * model.jnt_range[image]) if model.jnt_limited[image] else np.array([-np.inf, np.inf]),
-            model.jnt_range[joint] if model.jnt_limited[joint] else np.array([-np.inf, np.inf]),
-        ]
-        if not np.allclose(*limits, rtol=0, atol=_ANGLE):
+        if not np.allclose(self._limits(image, sign), self._limits(joint, 1.0), rtol=0, atol=_ANGLE):
             raise _Asymmetry(f"{names} have different ranges")
         position, other = (self.pose[int(model.jnt_qposadr[it])] for it in (joint, image))
         if abs(position - sign * other) > _ANGLE:
             raise _Asymmetry(f"{names} have different positions in the default pose")
         return sign
+
+    def _limits(self, joint: int, sign: float) -> Vector:
+        limits = self.model.jnt_range[joint] if self.model.jnt_limited[joint] else np.array([-np.inf, np.inf])
+        return np.sort(sign * limits)
 
     def _actuators(self, joints: dict[int, Image]) -> list[Image]:
         model = self.model
@@ -201,7 +201,9 @@ class _Mirror:
             image = joints[joint]
             others = of_joint.get(image.of, [])
             if len(others) != len(actuators):
-                raise _Asymmetry(f"joint {self._joint(joint)} has another number of actuators than its mirror image")
+                raise _Asymmetry(
+                    f"joint {self._joint(joint)} has another number of actuators than its mirror image"
+                )
             for actuator, other in zip(actuators, others, strict=True):
                 images[actuator] = self._actuator_image(actuator, other, image.sign)
         return [images[index] for index in range(model.nu)]
@@ -211,24 +213,24 @@ class _Mirror:
         gears = model.actuator_gear[[actuator, other], 0]
         if gears[0] * gears[1] < 0:
             sign = -sign
-        constants = [
-            np.concatenate(
-                [
-                    np.abs(model.actuator_gear[index, :1]),
-                    model.actuator_gainprm[index, :3],
-                    model.actuator_biasprm[index, :3],
-                ]
-            )
-            for index in (actuator, other)
-        ]
-        ranges = [
-            np.sort(sign * model.actuator_ctrlrange[other]),
-            model.actuator_ctrlrange[actuator],
-        ]
-        is_image = np.allclose(*constants, rtol=_MASS) and np.allclose(*ranges, rtol=_MASS, atol=_ANGLE)
-        if not is_image or model.actuator_ctrllimited[actuator] != model.actuator_ctrllimited[other]:
+        if not np.allclose(
+            self._constants(actuator, 1.0), self._constants(other, sign), rtol=_MASS, atol=1e-6
+        ):
             raise _Asymmetry(f"actuators {self._actuator(actuator)} and {self._actuator(other)} differ")
         return Image(other, sign)
+
+    def _constants(self, actuator: int, sign: float) -> Vector:
+        """Return the constants of an actuator, with the range of its control times a sign."""
+        model = self.model
+        return np.concatenate(
+            [
+                np.abs(model.actuator_gear[actuator, :1]),
+                model.actuator_gainprm[actuator, :3],
+                model.actuator_biasprm[actuator, :3],
+                model.actuator_ctrllimited[[actuator]],
+                np.sort(sign * model.actuator_ctrlrange[actuator]),
+            ]
+        )
 
     def _body(self, index: int) -> str:
         return str(self.model.body(index).name or index)

@@ -144,7 +144,9 @@ impl Task {
             let block = parts.reflection(&term.quantity).map_err(refuse)?;
             blocks.extend(std::iter::repeat_n(block, term.history));
         }
-        blocks.extend(codes.map(|space| Reflection::of_blocks(&symmetry.limbs, &vec![1.0; space.types().len()])));
+        blocks.extend(
+            codes.map(|space| Reflection::of_blocks(&symmetry.limbs, &vec![1.0; space.types().len()])),
+        );
         Ok(Reflections {
             obs: Reflection::concat(blocks),
             action: Reflection::new(symmetry.actuators.clone()),
@@ -218,7 +220,9 @@ impl Parts<'_> {
                 limbs(&[1.0])
             }
             Quantity::FootVel => limbs(&VECTOR),
-            Quantity::Events => Reflection::new(self.events.iter().map(|name| self.event(name)).collect::<Result<_, _>>()?),
+            Quantity::Events => {
+                Reflection::new(self.events.iter().map(|name| self.event(name)).collect::<Result<_, _>>()?)
+            }
             Quantity::Python { function, .. } => {
                 return Err(format!("the term `python` is what {function} returns"));
             }
@@ -247,14 +251,19 @@ impl Parts<'_> {
         let mut sign = 1.0;
         let mut image = Vec::new();
         for word in name.split(' ') {
-            let joint = anatomy.actuators.iter().position(|actuator| {
-                actuator.joint.as_ref().is_some_and(|joint| joint.name == word)
-            });
+            let joint = anatomy
+                .actuators
+                .iter()
+                .position(|actuator| actuator.joint.as_ref().is_some_and(|joint| joint.name == word));
             if let Some(index) = joint {
                 let other = &anatomy.actuators[self.symmetry.actuators[index].of];
                 image.push(other.joint.as_ref().map_or(word, |joint| joint.name.as_str()));
                 if name.starts_with("encoder_bias") {
-                    sign *= anatomy.actuators[index].joint.as_ref().and_then(|joint| self.sign(joint)).unwrap_or(1.0);
+                    sign *= anatomy.actuators[index]
+                        .joint
+                        .as_ref()
+                        .and_then(|joint| self.sign(joint))
+                        .unwrap_or(1.0);
                 }
             } else if let Some(body) = anatomy.bodies.iter().position(|body| body == word) {
                 image.push(&anatomy.bodies[self.symmetry.bodies[body]]);
