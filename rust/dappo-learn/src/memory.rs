@@ -22,11 +22,9 @@ pub fn check_training(
 ) -> Result<(), SimError> {
     let (envs, rows) = (config.env.num_envs, Bytes::of(config.env.num_envs, config.horizon));
     let row = |obs: usize| FLOAT * (obs * sizes.obs_dim + 2 * sizes.action_dim + 9);
-    // Observations of the rollout, those that the networks see, and both batches of the value net, which come later;
-    // all but the first with their mirror images, if there are any.
+    // Observations of the rollout, those that the networks see, and both batches of the value net, which come later.
     let goes_on = config.total_steps > (envs * config.horizon) as u64;
-    let images = usize::from(config.ppo.symmetry) * row(if goes_on { 4 } else { 2 });
-    let rollout = rows.times(row(if goes_on { 5 } else { 3 }) + images);
+    let rollout = rows.times(row(if goes_on { 5 } else { 3 }));
     let networks = network(config, sizes.obs_dim, sizes.action_dim).and(network(config, sizes.obs_dim, 1));
     let training = of_envs(envs, layout, sizes.obs_dim).and(rollout).and(networks);
     training.require(&format!(

@@ -1,6 +1,6 @@
 //! A multilayer perceptron: tanh after every hidden layer, a linear output layer.
 
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -78,6 +78,43 @@ impl Mlp {
         FrozenMlp::new(self.sizes(), self.parameters()?)
     }
 
+    /// The same net with other parameters, laid out like [`Mlp::parameters`].
+    #[must_use]
+    pub fn with_parameters(mut self, parameters: &[f32]) -> Self {
+        let mut rest = parameters;
+        for layer in &mut self.layers {
+            let [inputs, outputs] = layer.weight.lazy_shape().dims();
+            let (weight, after) = rest.split_at(inputs * outputs);
+            layer.weight = replaced(&layer.weight, TensorData::new(weight.to_vec(), [inputs, outputs]));
+            rest = after;
+            if let Some(bias) = &mut layer.bias {
+                let (values, after) = rest.split_at(outputs);
+                *bias = replaced(bias, TensorData::new(values.to_vec(), [outputs]));
+                rest = after;
+            }
+        }
+        self
+    }
+
+    /// Takes the gradient of the parameters out of `gradients`, laid out like [`Mlp::parameters`]; 0 where there is none.
+    pub fn take_gradient(&self, gradients: &mut GradientsParams) -> Result<Vec<f32>> {
+        let mut gradient = Vec::with_capacity(parameter_count(&self.sizes()).unwrap_or_default());
+        for layer in &self.layers {
+            let [inputs, outputs] = layer.weight.lazy_shape().dims();
+            match gradients.remove::<2>(layer.weight.id) {
+                Some(weight) => gradient.extend(read(weight)?),
+                None => gradient.resize(gradient.len() + inputs * outputs, 0.0),
+            }
+            if let Some(bias) = &layer.bias {
+                match gradients.remove::<1>(bias.id) {
+                    Some(values) => gradient.extend(read(values)?),
+                    None => gradient.resize(gradient.len() + outputs, 0.0),
+                }
+            }
+        }
+        Ok(gradient)
+    }
+
     /// Hands a gradient that is laid out like [`Mlp::parameters`] to the parameters, for an optimiser.
     pub fn register_gradient(&self, gradient: &[f32], gradients: &mut GradientsParams) {
         let device = self.device().without_autodiff();
@@ -95,6 +132,14 @@ impl Mlp {
             }
         }
     }
+}
+
+/// A parameter with other values, which keeps its id.
+fn replaced<const D: usize>(parameter: &Param<Tensor<D>>, data: TensorData) -> Param<Tensor<D>> {
+    parameter.clone().map(|old| {
+        let new = Tensor::from_data(data, &old.device());
+        if old.is_require_grad() { new.require_grad() } else { new }
+    })
 }
 
 /// The parameters of a tanh MLP in one array: the fastest way to its outputs on a CPU.

@@ -81,6 +81,7 @@ fn built_in(key: &str) -> Option<&'static str> {
             Some("its networks and episodes are those of robots with these damages")
         }
         ("ppo", "hidden") => Some("its networks have these layers"),
+        ("ppo", "symmetry") => Some("its networks are mirror images of themselves or not"),
         ("ppo", "code_scale") => Some("its networks have learned with this scale"),
         ("ppo", "initial_log_variance") => Some("its policy has begun with it"),
         ("", "horizon" | "total_steps" | "curriculum")

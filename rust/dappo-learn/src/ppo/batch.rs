@@ -1,30 +1,24 @@
 //! What the networks are trained on, in the host's memory.
 
-use std::borrow::Cow;
-
-use dappo_nn::unprivileged;
-use dappo_sim::task::{Reflection, Reflections};
-use rayon::prelude::*;
-
 use crate::error::Result;
 use crate::gae::Targets;
 use crate::rollout::Rollout;
 
-/// What the policy is trained on; B = T · N rows, or twice as many where each is followed by its mirror image.
+/// What the policy is trained on; B = T · N rows.
 pub(super) struct PolicyBatch<'a> {
     /// Normalised observations `[B, O]`.
-    pub obs: Cow<'a, [f32]>,
+    pub obs: &'a [f32],
     /// Actions `[B, A]`.
-    pub actions: Cow<'a, [f32]>,
+    pub actions: &'a [f32],
     /// Means of the old policy `[B, A]`.
-    pub means: Cow<'a, [f32]>,
+    pub means: &'a [f32],
     /// Log-densities under the old policy `[B]`.
-    pub log_probs: Cow<'a, [f32]>,
+    pub log_probs: &'a [f32],
     /// Advantages, normalised over the whole batch, `[B]`.
     pub advantages: Vec<f32>,
 }
 
-/// What the value net is trained on: as many rows as for the policy.
+/// What the value net is trained on.
 #[derive(Clone)]
 pub(super) struct ValueBatch {
     /// Observations as normalised when they were collected, `[B, O]`.
@@ -34,22 +28,14 @@ pub(super) struct ValueBatch {
 }
 
 impl<'a> PolicyBatch<'a> {
-    /// The policy's batch of a rollout whose normalised observations are `obs`, `[B, O]`, privileged entries included,
-    /// the last `privileged` of them before the damage code.
-    pub fn new(
-        rollout: &'a Rollout,
-        obs: &'a [f32],
-        privileged: usize,
-        targets: &Targets,
-        mirror: Option<&Reflections>,
-    ) -> Self {
-        let action = mirror.map(|mirror| &mirror.action);
+    /// The policy's batch of a rollout whose normalised observations are `obs`, `[B, O]`.
+    pub fn new(rollout: &'a Rollout, obs: &'a [f32], targets: &Targets) -> Self {
         Self {
-            obs: unprivileged(obs, &rollout.transform, rollout.transform.obs_dim() - privileged),
-            actions: with_images(&rollout.actions, action),
-            means: with_images(&rollout.means, action),
-            log_probs: twice(Cow::Borrowed(&rollout.log_probs), mirror),
-            advantages: twice(Cow::Owned(standardize(&targets.advantages)), mirror).into_owned(),
+            obs,
+            actions: &rollout.actions,
+            means: &rollout.means,
+            log_probs: &rollout.log_probs,
+            advantages: standardize(&targets.advantages),
         }
     }
 
@@ -60,15 +46,8 @@ impl<'a> PolicyBatch<'a> {
 
 impl ValueBatch {
     /// The value net's batch of a rollout.
-    pub fn new(rollout: &Rollout, targets: &Targets, mirror: Option<&Reflections>) -> Result<Self> {
-        let obs = rollout.transform.apply(&rollout.obs)?;
-        Ok(Self {
-            obs: match mirror {
-                None => obs,
-                Some(mirror) => with_images(&obs, Some(&mirror.obs)).into_owned(),
-            },
-            returns: twice(Cow::Borrowed(&targets.returns), mirror).into_owned(),
-        })
+    pub fn new(rollout: &Rollout, targets: &Targets) -> Result<Self> {
+        Ok(Self { obs: rollout.transform.apply(&rollout.obs)?, returns: targets.returns.clone() })
     }
 
     pub fn rows(&self) -> usize {
@@ -83,32 +62,6 @@ impl ValueBatch {
             union.returns.extend(&other.returns);
         }
         union
-    }
-}
-
-/// Rows, each followed by its mirror image where there is a reflection.
-fn with_images<'a>(rows: &'a [f32], reflection: Option<&Reflection>) -> Cow<'a, [f32]> {
-    let Some(reflection) = reflection else { return Cow::Borrowed(rows) };
-    let width = reflection.len();
-    let mut pairs = vec![0.0; 2 * rows.len()];
-    pairs.par_chunks_mut(2 * width * ROWS).zip(rows.par_chunks(width * ROWS)).for_each(|(pairs, rows)| {
-        for (pair, row) in pairs.chunks_exact_mut(2 * width).zip(rows.chunks_exact(width)) {
-            let (same, image) = pair.split_at_mut(width);
-            same.copy_from_slice(row);
-            reflection.apply(row, image);
-        }
-    });
-    Cow::Owned(pairs)
-}
-
-/// Rows that a thread reflects at a time.
-const ROWS: usize = 256;
-
-/// Values that hold for a row, and for its mirror image where there is one.
-fn twice<'a>(values: Cow<'a, [f32]>, mirror: Option<&Reflections>) -> Cow<'a, [f32]> {
-    match mirror {
-        None => values,
-        Some(_) => Cow::Owned(values.iter().flat_map(|value| [*value; 2]).collect()),
     }
 }
 

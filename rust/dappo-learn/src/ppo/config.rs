@@ -80,7 +80,7 @@ pub struct PpoConfig {
     pub value_learning_rate: f64,
     /// `constant` or `linear`: how both learning rates change during a run.
     pub schedule: Schedule,
-    /// Whether the networks are trained on mirror images, too: half of the robots are seen as in a mirror.
+    /// Whether the networks are their own mirror images, left to right, so that what they learn on one side holds for both.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub symmetry: bool,
 }

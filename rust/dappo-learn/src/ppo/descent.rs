@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
 use dappo_nn::minibatch::shuffled;
-use dappo_nn::{GaussianPolicy, Mlp, scalar};
+use dappo_nn::{GaussianPolicy, Mlp, Symmetry, scalar};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
@@ -38,28 +38,26 @@ pub(super) struct Descent<'a, Net> {
     pub net: &'a mut Net,
     pub optimizer: &'a mut ModuleOptimizer,
     pub learning_rate: f64,
-    /// Rows of a batch that follow each other and stand for one transition, one of which is drawn in each pass.
-    pub copies: usize,
+    /// What keeps the network its own mirror image, if it is.
+    pub symmetry: Option<&'a dyn Symmetry<Net>>,
 }
 
 impl<Net: Module> Descent<'_, Net> {
-    /// One pass over the transitions in minibatches of about `size` rows; returns the mean of their losses before each step.
+    /// One pass over the batch in minibatches of about `size` rows; returns the mean of their losses before each step.
     fn pass(
         &mut self,
         problem: &mut (impl Problem<Net> + ?Sized),
         size: usize,
         stream: &mut Stream,
     ) -> Result<f64> {
-        let mut minibatches = shuffled(problem.rows() / self.copies, size, stream);
-        if self.copies > 1 {
-            for row in minibatches.iter_mut().flatten() {
-                *row = *row * self.copies as i32 + stream.below(self.copies as u64) as i32;
-            }
-        }
+        let minibatches = shuffled(problem.rows(), size, stream);
         let count = minibatches.len() as f64;
         let mut sum: Option<Tensor<1>> = None;
         for minibatch in minibatches {
-            let (loss, gradients) = problem.gradients(self.net, minibatch)?;
+            let (loss, mut gradients) = problem.gradients(self.net, minibatch)?;
+            if let Some(symmetry) = self.symmetry {
+                symmetry.average(self.net, &mut gradients)?;
+            }
             sum = Some(match sum {
                 Some(sum) => sum + loss,
                 None => loss,

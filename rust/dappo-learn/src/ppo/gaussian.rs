@@ -51,7 +51,7 @@ impl Gaussian {
     pub fn kl_sum(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32]) -> f64 {
         let width = self.actions();
         let of_row = |(index, mean): (&i32, &[f32])| {
-            let components = mean.iter().zip(row(&batch.means, *index, width)).zip(&self.inverse_variance);
+            let components = mean.iter().zip(row(batch.means, *index, width)).zip(&self.inverse_variance);
             components.map(|((new, old), inverse)| (new - old).powi(2) * inverse).sum::<f32>()
         };
         let distances: f64 = rows.iter().zip(means.chunks_exact(width)).map(of_row).map(f64::from).sum();
@@ -64,7 +64,7 @@ impl Gaussian {
     /// rows of the batch `[R]`, means of the current policy there `[R, A]`
     pub fn clipped(&self, batch: &PolicyBatch, rows: &[i32], means: &[f32], clip_range: f64) -> usize {
         let outside = |(index, mean): &(&i32, &[f32])| {
-            let action = row(&batch.actions, **index, mean.len());
+            let action = row(batch.actions, **index, mean.len());
             let ratio = ratio(self.log_ratio(action, mean, batch.log_probs[**index as usize]));
             (ratio - 1.0).abs() > clip_range as f32
         };
@@ -99,7 +99,7 @@ impl Gaussian {
         for ((index, mean), gradient) in
             rows.iter().zip(means.chunks_exact(width)).zip(gradients.chunks_exact_mut(width))
         {
-            let (action, old_mean) = (row(&batch.actions, *index, width), row(&batch.means, *index, width));
+            let (action, old_mean) = (row(batch.actions, *index, width), row(batch.means, *index, width));
             let advantage = batch.advantages[*index as usize];
             let log_ratio = self.log_ratio(action, mean, batch.log_probs[*index as usize]);
             let ratio = ratio(log_ratio);
@@ -184,10 +184,10 @@ mod tests {
 
     fn batch(old_log_probs: &[f32; 3], advantages: [f32; 3]) -> PolicyBatch<'_> {
         PolicyBatch {
-            obs: (&[]).into(),
-            actions: (&ACTIONS).into(),
-            means: (&OLD_MEANS).into(),
-            log_probs: old_log_probs.into(),
+            obs: &[],
+            actions: &ACTIONS,
+            means: &OLD_MEANS,
+            log_probs: old_log_probs,
             advantages: advantages.to_vec(),
         }
     }

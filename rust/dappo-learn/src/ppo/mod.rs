@@ -17,14 +17,16 @@ mod written;
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use dappo_nn::{ActorCritic, FrozenActorCritic, Gradients, Normalizer, adam};
+use dappo_nn::{
+    ActorCritic, FrozenActorCritic, Gradients, Mlp, MlpSymmetry, NnError, Normalizer, PolicySymmetry, adam,
+};
 use dappo_sim::rng::{Purpose, Stream};
-use dappo_sim::task::Reflections;
+use dappo_sim::task::{Reflection, Reflections};
 
 pub use config::{PpoConfig, Schedule};
 pub use loss::{Adaptation, PpoLosses};
 
-use crate::error::Result;
+use crate::error::{LearnError, Result};
 use crate::sizes::Sizes;
 use batch::ValueBatch;
 
@@ -44,8 +46,16 @@ pub struct Ppo {
     adaptation: Adaptation,
     normalizer: Normalizer,
     previous: Option<ValueBatch>,
-    /// How transitions are reflected, if the networks are trained on their mirror images, too.
-    mirror: Option<Reflections>,
+    /// How the networks are kept their own mirror images, if they are.
+    mirror: Option<Mirror>,
+}
+
+/// What keeps the networks their own mirror images.
+struct Mirror {
+    /// Of a row of observations.
+    obs: Reflection,
+    policy: PolicySymmetry,
+    value: MlpSymmetry,
 }
 
 impl Ppo {
@@ -82,12 +92,33 @@ impl Ppo {
         })
     }
 
-    /// The same learner with mirror images: in each pass over a batch, each transition is taken as it is or reflected,
-    /// by chance, as if half of the robots had been seen in a mirror (Mittal et al., 2024, "Symmetry considerations for
-    /// learning task symmetric robot policies"). Does nothing for `None`.
-    #[must_use]
-    pub fn with_mirror(self, mirror: Option<Reflections>) -> Self {
-        Self { mirror, ..self }
+    /// The same learner with networks that are their own mirror images and stay so: the policy takes the reflected action
+    /// for a reflected observation, and the value is the same. What is seen on one side is learned for both. Does nothing
+    /// for `None`.
+    pub fn with_mirror(mut self, mirror: Option<Reflections>) -> Result<Self> {
+        let Some(Reflections { obs, action }) = mirror else { return Ok(self) };
+        let networks = &self.actor_critic;
+        let (hidden, code_length) = (&self.config.hidden, self.normalizer.code_length());
+        for (what, got, expected) in [
+            ("obs_dim of the reflection", obs.len(), networks.obs_dim()),
+            ("action_dim of the reflection", action.len(), networks.action_dim()),
+        ] {
+            if got != expected {
+                return Err(NnError::Length { what, got, expected }.into());
+            }
+        }
+        let end = obs.len() - code_length;
+        let seen = obs.without(end - networks.privileged()..end).ok_or_else(|| {
+            LearnError::Invalid("what the policy observes is the mirror image of privileged entries".into())
+        })?;
+        let policy = PolicySymmetry::new(seen, hidden, action);
+        let value = MlpSymmetry::new(obs.clone(), hidden, Reflection::identity(1));
+        let mut networks = networks.valid();
+        networks.policy.mean = imposed(networks.policy.mean, policy.mean())?;
+        networks.value = imposed(networks.value, &value)?;
+        self.actor_critic = trainable(networks, self.config.gradients());
+        self.mirror = Some(Mirror { obs, policy, value });
+        Ok(self)
     }
 
     /// The networks as they are now, for whatever acts with them.
@@ -130,6 +161,12 @@ fn trainable(networks: ActorCritic, gradients: Gradients) -> ActorCritic {
         Gradients::Written => networks.no_grad().train(),
         Gradients::Recorded => networks.train(),
     }
+}
+
+fn imposed(net: Mlp, symmetry: &MlpSymmetry) -> Result<Mlp> {
+    let mut parameters = net.parameters()?;
+    symmetry.impose(&mut parameters);
+    Ok(net.with_parameters(&parameters))
 }
 
 fn optimizer(config: &PpoConfig) -> ModuleOptimizer {

@@ -23,10 +23,10 @@ impl Rows {
     fn new(batch: &PolicyBatch, device: &Device) -> Self {
         let tensor = |values: &[f32]| matrix(values, batch.rows(), device);
         Self {
-            obs: tensor(&batch.obs),
-            actions: tensor(&batch.actions),
-            means: tensor(&batch.means),
-            log_probs: tensor(&batch.log_probs),
+            obs: tensor(batch.obs),
+            actions: tensor(batch.actions),
+            means: tensor(batch.means),
+            log_probs: tensor(batch.log_probs),
             advantages: tensor(&batch.advantages),
         }
     }

@@ -2,9 +2,8 @@
 
 use dappo_nn::error::check_length;
 use dappo_nn::minibatch::evenly_spaced;
-use dappo_nn::{Gradients, Mlp, NnError};
+use dappo_nn::{Gradients, Mlp, NnError, Symmetry, unprivileged};
 use dappo_sim::rng::{Purpose, Stream};
-use dappo_sim::task::{Reflection, Reflections};
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Descent, PolicyOutcome, PolicyProblem, Problem};
@@ -29,13 +28,14 @@ impl Ppo {
     /// schedule of the learning rates. The outcome is a function of the learner and the arguments alone.
     pub fn update(&mut self, rollout: &Rollout, targets: &Targets, done: f64) -> Result<PpoLosses> {
         self.check(rollout, targets)?;
-        let mirror = self.mirror.as_ref();
-        let value_batch = ValueBatch::new(rollout, targets, mirror)?;
+        let value_batch = ValueBatch::new(rollout, targets)?;
         let schedule = self.config.schedule.factor(done);
         let privileged = self.actor_critic.privileged();
-        let policy_batch = PolicyBatch::new(rollout, &value_batch.obs, privileged, targets, mirror);
-        let (policy, value_loss) = self.train(&policy_batch, &value_batch, schedule)?;
-        drop(policy_batch);
+        let seen =
+            unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
+        let (policy, value_loss) =
+            self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch, schedule)?;
+        drop(seen);
         self.previous = Some(value_batch);
         self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target, self.config.max_lr_factor);
         match &self.mirror {
@@ -67,26 +67,24 @@ impl Ppo {
     ) -> Result<(PolicyOutcome, f64)> {
         let stream = |purpose| Stream::new(self.seed, self.updates, purpose);
         let (shuffle, value_shuffle) = (stream(Purpose::Shuffle), stream(Purpose::ValueShuffle));
-        let (objective, copies) = (self.objective(), self.copies());
+        let (objective, mirror) = (self.objective(), self.mirror.as_ref());
         let policy = Descent {
             learning_rate: schedule * self.policy_learning_rate(),
             net: &mut self.actor_critic.policy,
             optimizer: &mut self.policy_optimizer,
-            copies,
+            symmetry: mirror.map(|mirror| &mirror.policy as &dyn Symmetry<_>),
         };
         let value = Descent {
             learning_rate: schedule * self.config.value_learning_rate,
             net: &mut self.actor_critic.value,
             optimizer: &mut self.value_optimizer,
-            copies,
+            symmetry: mirror.map(|mirror| &mirror.value as &dyn Symmetry<_>),
         };
         let (config, previous, device) = (&self.config, self.previous.as_ref(), &self.device);
         let gradients = config.gradients();
         let (policy, value_loss) = rayon::join(
             move || {
-                let batch = policy_batch;
-                let mut probe = evenly_spaced(batch.rows() / copies, PROBE_ROWS);
-                probe.iter_mut().for_each(|row| *row *= copies as i32);
+                let (batch, probe) = (policy_batch, evenly_spaced(policy_batch.rows(), PROBE_ROWS));
                 let mut problem: Box<dyn PolicyProblem> = match gradients {
                     Gradients::Written => Box::new(WrittenPolicy::new(objective, policy.net, batch, probe)?),
                     Gradients::Recorded => Box::new(RecordedPolicy::new(objective, policy.net, batch, probe)),
@@ -106,11 +104,6 @@ impl Ppo {
         Ok((policy?, value_loss?))
     }
 
-    /// Rows that stand for one transition: itself, and its mirror image if the learner has a mirror.
-    fn copies(&self) -> usize {
-        1 + self.mirror.iter().len()
-    }
-
     fn objective(&self) -> Objective {
         let PpoConfig { clip_range, kl_target, kl_hinge, .. } = self.config;
         Objective { clip_range, kl_coef: self.adaptation.kl_coef, kl_target, kl_hinge }
@@ -124,16 +117,7 @@ impl Ppo {
         rollout.check()?;
         check_length("advantages [T, N]", &targets.advantages, rollout.len())?;
         check_length("returns [T, N]", &targets.returns, rollout.len())?;
-        let reflected = |reflection: fn(&Reflections) -> &Reflection, without: usize| {
-            self.mirror.as_ref().map_or(without, |mirror| reflection(mirror).len())
-        };
         for (key, got, expected) in [
-            ("obs_dim of the reflection", reflected(|mirror| &mirror.obs, rollout.obs_dim), rollout.obs_dim),
-            (
-                "action_dim of the reflection",
-                reflected(|mirror| &mirror.action, rollout.action_dim),
-                rollout.action_dim,
-            ),
             ("obs_dim of the rollout", rollout.obs_dim, self.actor_critic.obs_dim()),
             ("action_dim of the rollout", rollout.action_dim, self.actor_critic.action_dim()),
         ] {

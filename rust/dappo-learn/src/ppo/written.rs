@@ -67,7 +67,7 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
             let loss = |rows: &[i32], means: &[f32], gradients: &mut [f32]| {
                 gaussian.gradients(weights, batch, rows, means, gradients)
             };
-            let (sums, gradient) = self.pass.gradient(&parameters, &*batch.obs, &minibatch, loss);
+            let (sums, gradient) = self.pass.gradient(&parameters, batch.obs, &minibatch, loss);
             (sums, gradient.to_vec())
         };
         // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only
@@ -96,7 +96,7 @@ impl PolicyProblem for WrittenPolicy<'_> {
     fn distance(&mut self, policy: &GaussianPolicy) -> Result<Distance> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
         let (batch, clip_range) = (self.batch, self.objective.clip_range);
-        let sums = self.pass.evaluate(&parameters, &*batch.obs, &self.probe, |rows, means| {
+        let sums = self.pass.evaluate(&parameters, batch.obs, &self.probe, |rows, means| {
             (gaussian.kl_sum(batch, rows, means), gaussian.clipped(batch, rows, means, clip_range))
         });
         let count = self.probe.len() as f64;
@@ -224,13 +224,7 @@ mod tests {
         let noise = normals(ROWS * ACTIONS, 0.6, 5);
         let actions: Vec<f32> = means.iter().zip(noise).map(|(mean, z)| mean + z).collect();
         let advantages = normals(ROWS, 1.0, 7);
-        let batch = PolicyBatch {
-            obs: obs.into(),
-            actions: actions.into(),
-            means: means.into(),
-            log_probs: log_probs.into(),
-            advantages,
-        };
+        let batch = PolicyBatch { obs: &obs, actions: &actions, means: &means, log_probs, advantages };
         let probe: Vec<i32> = (0..ROWS as i32).step_by(3).collect();
         let old = networks().policy;
         let mut written = WrittenPolicy::new(OBJECTIVE, &old, &batch, probe.clone()).unwrap();

@@ -22,7 +22,7 @@ pub(super) struct Session {
     pub episodes: EpisodeTracker,
     pub progress: Progress,
     engine: Box<dyn RolloutEngine>,
-    /// How transitions are reflected, if they are.
+    /// How observations and actions are reflected, if the networks are their own mirror images.
     mirror: Option<Reflections>,
     sizes: Sizes,
     num_envs: usize,
@@ -47,7 +47,7 @@ impl Session {
         let metric = |name: &str| format!("reward_{name}");
         Ok(Self {
             engine: factory.engine(config)?,
-            ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?.with_mirror(mirror.clone()),
+            ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?.with_mirror(mirror.clone())?,
             mirror,
             episodes: EpisodeTracker::new(num_envs),
             progress: Progress { iteration: 0, env_steps: 0, stage: 0 },
@@ -65,7 +65,7 @@ impl Session {
     pub fn load(&mut self, run: &LockedRun, config: &Config) -> Result<()> {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
         let ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
-        self.ppo = ppo.with_mirror(self.mirror.clone());
+        self.ppo = ppo.with_mirror(self.mirror.clone())?;
         self.episodes = checkpoint.restore_envs(self.engine.as_mut())?;
         self.progress = checkpoint.progress;
         // Stage 0 until `enter_stage` sees the difference and sets the class distribution.

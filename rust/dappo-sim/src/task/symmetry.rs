@@ -4,6 +4,8 @@
 //! angular velocities and torques among them, keep y and change the signs of x and z. Parts of the robot take the place
 //! of their mirror images.
 
+use std::ops::Range;
+
 use super::anatomy::JointParts;
 use super::observation::{ObservationGroup, Quantity};
 use super::{Measure, Task};
@@ -64,6 +66,12 @@ impl Reflection {
         Self { entries }
     }
 
+    /// The reflection that changes nothing.
+    #[must_use]
+    pub fn identity(length: usize) -> Self {
+        Self::of_signs(&vec![1.0; length])
+    }
+
     /// Entries that keep their place and take these signs.
     fn of_signs(signs: &[f32]) -> Self {
         Self { entries: signs.iter().enumerate().map(|(of, &sign)| Image { of, sign }).collect() }
@@ -88,10 +96,15 @@ impl Reflection {
         Self { entries }
     }
 
-    /// The reflection of vectors without the first `count` entries; `None` if they are needed.
-    fn without_first(&self, count: usize) -> Option<Self> {
-        let rest = self.entries.iter().skip(count);
-        let entries = rest.map(|image| Some(Image { of: image.of.checked_sub(count)?, ..*image }));
+    /// The reflection of vectors without some entries; `None` if those are mirror images of others.
+    #[must_use]
+    pub fn without(&self, left_out: Range<usize>) -> Option<Self> {
+        let kept = self.entries.iter().enumerate().filter(|(index, _)| !left_out.contains(index));
+        let entries = kept.map(|(_, image)| match image.of {
+            of if left_out.contains(&of) => None,
+            of if of < left_out.start => Some(*image),
+            of => Some(Image { of: of - left_out.len(), ..*image }),
+        });
         Some(Self { entries: entries.collect::<Option<_>>()? })
     }
 
@@ -205,7 +218,7 @@ impl Parts<'_> {
         let joints = || Reflection::new(joints.clone());
         Ok(match quantity {
             Quantity::Qpos { skip } => Reflection::concat([signs(&VECTOR), signs(&QUATERNION), joints()])
-                .without_first(*skip)
+                .without(0..*skip)
                 .ok_or_else(|| format!("the term `qpos` skips {skip} positions, expected at most 7"))?,
             Quantity::Qvel => Reflection::concat([signs(&VECTOR), signs(&AXIAL), joints()]),
             Quantity::CfrcExt => Reflection::of_blocks(bodies, &[AXIAL, VECTOR].concat()),

@@ -1,0 +1,232 @@
+//! Nets that are their own mirror images: the reflection of the input gives the reflection of the output.
+//!
+//! The units of a hidden layer are pairs that take each other's place under the reflection. A layer has the symmetry if
+//! each weight equals that between the mirror images of its ends, with the sign of both; tanh is odd and keeps it. Such
+//! weights stay so with gradients of which the same holds, whatever moves them component by component, as Adam does.
+//! The average of a gradient and its mirror image is one, and it is the gradient for the transitions and their mirror
+//! images together. See Abdolhosseini et al. (2019), "On learning symmetric locomotion".
+
+use burn::optim::GradientsParams;
+use burn::tensor::{Tensor, TensorData};
+use dappo_sim::task::{Image, Reflection};
+
+use crate::error::Result;
+use crate::{GaussianPolicy, Mlp, read};
+
+/// How a net or its gradients are made their own mirror image.
+pub trait Symmetry<Net>: Sync {
+    /// Replaces gradients by the averages with their mirror images.
+    fn average(&self, net: &Net, gradients: &mut GradientsParams) -> Result<()>;
+}
+
+/// The symmetry of an [`Mlp`].
+#[derive(Debug, Clone)]
+pub struct MlpSymmetry {
+    /// Reflections of the input, of the units of each hidden layer, and of the output.
+    levels: Vec<Reflection>,
+}
+
+/// The symmetry of a [`GaussianPolicy`], whose standard deviations are those of the mirror images, too.
+#[derive(Debug, Clone)]
+pub struct PolicySymmetry {
+    mean: MlpSymmetry,
+    action: Reflection,
+}
+
+impl MlpSymmetry {
+    /// The symmetry of a net with hidden layers of these widths. The last unit of an odd number is its own mirror image.
+    #[must_use]
+    pub fn new(input: Reflection, hidden: &[usize], output: Reflection) -> Self {
+        let pairs = |width: &usize| {
+            let (half, even) = (width / 2, width / 2 * 2);
+            let image = |unit| if unit < even { (unit + half) % even } else { unit };
+            Reflection::new((0..*width).map(|unit| Image { of: image(unit), sign: 1.0 }).collect())
+        };
+        let inner = hidden.iter().map(pairs);
+        Self { levels: [input].into_iter().chain(inner).chain([output]).collect() }
+    }
+
+    /// `[inputs, hidden…, outputs]` of the nets that it is for.
+    #[must_use]
+    pub fn sizes(&self) -> Vec<usize> {
+        self.levels.iter().map(Reflection::len).collect()
+    }
+
+    /// Gives the second weight of each pair of mirror images the value of the first one.
+    ///
+    /// # Shapes
+    /// parameters as [`Mlp::parameters`] lays them out
+    pub fn impose(&self, parameters: &mut [f32]) {
+        self.each_pair(parameters, |first, _, sign| [first, sign * first]);
+    }
+
+    /// Replaces both weights of each pair of mirror images by their average.
+    ///
+    /// # Shapes
+    /// gradient laid out as [`Mlp::parameters`]
+    fn average_flat(&self, gradient: &mut [f32]) {
+        self.each_pair(gradient, |first, second, sign| {
+            let mean = 0.5 * (first + sign * second);
+            [mean, sign * mean]
+        });
+    }
+
+    /// Replaces weights and their mirror images by what `of` makes of both and the sign between them. It must not change
+    /// what it has made, except that a weight which is its own mirror image with the sign −1 becomes 0.
+    fn each_pair(&self, parameters: &mut [f32], of: impl Fn(f32, f32, f32) -> [f32; 2]) {
+        let mut rest = parameters;
+        for pair in self.levels.windows(2) {
+            let (inputs, outputs) = (pair[0].entries(), pair[1].entries());
+            let (weight, after) = std::mem::take(&mut rest).split_at_mut(inputs.len() * outputs.len());
+            let (bias, after) = after.split_at_mut(outputs.len());
+            rest = after;
+            each_pair_of_layer(weight, inputs, outputs, &of);
+            each_pair_of_layer(bias, &[Image { of: 0, sign: 1.0 }], outputs, &of);
+        }
+    }
+}
+
+/// The same for a matrix `[inputs, outputs]`.
+fn each_pair_of_layer(
+    weight: &mut [f32],
+    inputs: &[Image],
+    outputs: &[Image],
+    of: &impl Fn(f32, f32, f32) -> [f32; 2],
+) {
+    let width = outputs.len();
+    for (input, row) in inputs.iter().enumerate() {
+        for (output, column) in outputs.iter().enumerate() {
+            let (here, image) = (input * width + output, row.of * width + column.of);
+            let sign = row.sign * column.sign;
+            if here < image {
+                [weight[here], weight[image]] = of(weight[here], weight[image], sign);
+            } else if here == image && sign < 0.0 {
+                weight[here] = 0.0;
+            }
+        }
+    }
+}
+
+impl Symmetry<Mlp> for MlpSymmetry {
+    fn average(&self, net: &Mlp, gradients: &mut GradientsParams) -> Result<()> {
+        let mut gradient = net.take_gradient(gradients)?;
+        self.average_flat(&mut gradient);
+        net.register_gradient(&gradient, gradients);
+        Ok(())
+    }
+}
+
+impl PolicySymmetry {
+    /// The symmetry of a policy with hidden layers of these widths.
+    #[must_use]
+    pub fn new(input: Reflection, hidden: &[usize], action: Reflection) -> Self {
+        Self { mean: MlpSymmetry::new(input, hidden, action.clone()), action }
+    }
+
+    /// That of the net for the mean.
+    #[must_use]
+    pub fn mean(&self) -> &MlpSymmetry {
+        &self.mean
+    }
+}
+
+impl Symmetry<GaussianPolicy> for PolicySymmetry {
+    fn average(&self, policy: &GaussianPolicy, gradients: &mut GradientsParams) -> Result<()> {
+        self.mean.average(&policy.mean, gradients)?;
+        if let Some(gradient) = gradients.remove::<1>(policy.log_std.id) {
+            let device = gradient.device();
+            let values = read(gradient)?;
+            let images = self.action.entries().iter().map(|image| values[image.of]);
+            let mean: Vec<f32> = values.iter().zip(images).map(|(x, image)| 0.5 * (x + image)).collect();
+            let data = TensorData::new(mean, [values.len()]);
+            gradients.register(policy.log_std.id, Tensor::<1>::from_data(data, &device));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use dappo_sim::rng::{Purpose, Stream};
+
+    use super::*;
+    use crate::FrozenMlp;
+
+    /// Entries 0 and 1 take each other's place, 2 changes its sign, 3 and 4 stay.
+    fn input() -> Reflection {
+        let images = [(1, 1.0), (0, 1.0), (2, -1.0), (3, 1.0), (4, 1.0)];
+        Reflection::new(images.map(|(of, sign)| Image { of, sign }).to_vec())
+    }
+
+    fn output() -> Reflection {
+        Reflection::new([(1, -1.0), (0, -1.0), (2, -1.0)].map(|(of, sign)| Image { of, sign }).to_vec())
+    }
+
+    fn reflected(reflection: &Reflection, rows: &[f32]) -> Vec<f32> {
+        let mut images = vec![0.0; rows.len()];
+        for (image, row) in images.chunks_exact_mut(reflection.len()).zip(rows.chunks_exact(reflection.len()))
+        {
+            reflection.apply(row, image);
+        }
+        images
+    }
+
+    fn normals(count: usize, seed: u64) -> Vec<f32> {
+        let mut stream = Stream::new(seed, 0, Purpose::Weights);
+        (0..count).map(|_| stream.normal() as f32).collect()
+    }
+
+    #[test]
+    fn the_reflection_of_the_input_gives_the_reflection_of_the_output_for_even_and_odd_layers() {
+        for hidden in [&[6, 8][..], &[7], &[1, 5], &[]] {
+            let symmetry = MlpSymmetry::new(input(), hidden, output());
+            let sizes = symmetry.sizes();
+            let count = crate::kernels::parameter_count(&sizes).unwrap();
+            let mut parameters = normals(count, 3);
+            symmetry.impose(&mut parameters);
+            let imposed = parameters.clone();
+            symmetry.impose(&mut parameters);
+            assert_eq!(parameters, imposed);
+            symmetry.average_flat(&mut parameters);
+            assert_eq!(parameters, imposed, "a symmetric net is its own average");
+            assert!(parameters.iter().filter(|x| **x != 0.0).count() > count / 2);
+            let net = FrozenMlp::new(sizes, parameters).unwrap();
+            let rows = normals(40, 4);
+            let got = net.apply(&reflected(&input(), &rows)).unwrap();
+            let expected = reflected(&output(), &net.apply(&rows).unwrap());
+            for (got, expected) in got.iter().zip(&expected) {
+                assert!((got - expected).abs() < 1e-5, "{hidden:?}: {got}, expected {expected}");
+            }
+        }
+    }
+
+    /// With the loss Σ |net(x) − y|², the average gradient is half of that for both x, y and their mirror images.
+    #[test]
+    fn the_average_gradient_is_that_for_rows_and_mirror_images_together() {
+        let symmetry = MlpSymmetry::new(input(), &[6], output());
+        let mut stream = Stream::new(8, 0, Purpose::Weights);
+        let device = Device::flex().autodiff();
+        let net = Mlp::new(&symmetry.sizes(), 1.0, &mut || stream.normal(), &device);
+        let mut parameters = net.parameters().unwrap();
+        symmetry.impose(&mut parameters);
+        let net = net.with_parameters(&parameters);
+        let (rows, targets) = (normals(35, 5), normals(21, 6));
+        let gradient = |rows: Vec<f32>, targets: Vec<f32>| {
+            let count = rows.len() / 5;
+            let tensor =
+                |values, width| Tensor::<2>::from_data(TensorData::new(values, [count, width]), &device);
+            let loss = (net.forward(tensor(rows, 5)) - tensor(targets, 3)).square().sum();
+            GradientsParams::from_grads(loss.backward(), &net)
+        };
+        let images = (reflected(&input(), &rows), reflected(&output(), &targets));
+        let mut alone = gradient(rows.clone(), targets.clone());
+        let mut both = gradient([rows, images.0].concat(), [targets, images.1].concat());
+        symmetry.average(&net, &mut alone).unwrap();
+        let (got, expected) = (net.take_gradient(&mut alone).unwrap(), net.take_gradient(&mut both).unwrap());
+        assert_eq!(got.len(), parameters.len());
+        for (got, expected) in got.iter().zip(expected) {
+            assert!((got - expected / 2.0).abs() < 1e-4, "{got}, expected {}", expected / 2.0);
+        }
+    }
+}
