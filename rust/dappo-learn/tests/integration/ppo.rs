@@ -155,7 +155,7 @@ fn a_learner_with_a_mirror_learns_the_side_that_it_has_not_seen() {
         (act(2.0), act(-2.0), values, ppo.normalizer().mean()[0])
     };
     let (seen, other, values, mean) = learned(Some(mirror()));
-    assert!((seen[0] - 1.0).abs() < 0.35 && seen[1] < -0.25, "{seen:?}");
+    assert!((seen[0] - 1.0).abs() < 0.35 && seen[1] < -0.1, "{seen:?}");
     assert!((seen[0] - other[0]).abs() < 1e-5 && (seen[1] + other[1]).abs() < 1e-5, "{seen:?}, {other:?}");
     assert!((values[0] - values[1]).abs() < 1e-5 && mean.abs() < 1e-9, "{values:?}, mean of obs₀ {mean}");
     let (_, other, _, mean) = learned(None);
