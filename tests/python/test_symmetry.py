@@ -256,13 +256,25 @@ def test_what_events_draw_is_reflected_by_its_name(tmp_path: Path) -> None:
             '{ term = "python", function = "own_term:pitch", size = 1 }',
             "the term `python` is what own_term:pitch returns",
         ),
+        (
+            "[terminations]",
+            '[terminations]\ncontact = { bodies = ["FL_thigh"] }',
+            "lists the body `FL_thigh`, but not",
+        ),
+        (
+            "[terminations]",
+            '[terminations]\npython = { functions = ["own_term:fell"] }',
+            "the termination `own_term:fell` is a Python function",
+        ),
         ('{ term = "qpos" }', '{ term = "qpos", skip = 8 }', "`qpos` skips 8 positions, expected at most 7"),
     ],
 )
 def test_a_task_that_differs_between_left_and_right_is_refused(
     old: str, new: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "own_term.py").write_text("def pitch(batch):\n    return batch.qpos[:, 4:5]\n")
+    functions = "def pitch(batch):\n    return batch.qpos[:, 4:5]\n"
+    functions += "def fell(batch):\n    return batch.qpos[:, 2] < 0.1\n"
+    (tmp_path / "own_term.py").write_text(functions)
     monkeypatch.syspath_prepend(tmp_path)
     path = everything(tmp_path)
     path.write_text(path.read_text().replace(old, new))
@@ -284,6 +296,16 @@ def test_a_task_that_differs_between_left_and_right_is_refused(
             'mass="5.204" pos="0.0223 0',
             'mass="5.204" pos="0.0223 0.05',
             "trunk has its centre of mass to one side",
+        ),
+        (
+            '<geom name="floor"',
+            '<geom name="step" type="box" pos="1 0 0" size="0.1 1 0.05"/><geom name="floor"',
+            "the world has the geom step besides floors",
+        ),
+        (
+            '<option timestep="0.004"',
+            '<option gravity="0 1 -9.81" timestep="0.004"',
+            "gravity or wind point to a side",
         ),
         (
             '<joint name="FR_hip_joint"',

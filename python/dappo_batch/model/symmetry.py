@@ -107,6 +107,7 @@ class _Mirror:
         self.data.qpos[:3] = 0
         mujoco.mj_kinematics(model, self.data)
         self.root = int(model.jnt_bodyid[0])
+        self._check_surroundings()
         of_robot = model.body_rootid == self.root
         self.extent = float(np.abs(self.data.xipos[of_robot]).max())
 
@@ -123,8 +124,26 @@ class _Mirror:
             actuators=self._actuators(joints),
         )
 
+    def _check_surroundings(self) -> None:
+        """Accept floors along y alone besides the robot, and gravity that does not point to a side."""
+        model = self.model
+        others = [body for body in range(1, model.nbody) if int(model.body_rootid[body]) != self.root]
+        if others:
+            raise _Asymmetry(f"body {self._body(others[0])} does not belong to the robot")
+        paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
+        for geom in range(model.body_geomnum[0]):
+            normal = self.data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            is_floor = (
+                int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE) and abs(normal[1]) < _ANGLE
+            )
+            touches = model.geom_contype[geom] or model.geom_conaffinity[geom] or geom in paired
+            if touches and not is_floor:
+                raise _Asymmetry(f"the world has the geom {model.geom(geom).name or geom} besides floors")
+        if model.opt.gravity[1] or model.opt.wind[1]:
+            raise _Asymmetry("gravity or wind point to a side")
+
     def _bodies(self) -> list[int]:
-        """Match bodies from the root outwards; what does not belong to the robot stays where it is."""
+        """Match bodies from the root outwards."""
         images = list(range(self.model.nbody))
         if not self._are_images(self.root, self.root):
             raise _Asymmetry(f"body {self._body(self.root)} has its centre of mass to one side")

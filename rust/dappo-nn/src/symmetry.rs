@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::{GaussianPolicy, Mlp, read};
 
 /// How a net or its gradients are made their own mirror image.
-pub trait Symmetry<Net>: Sync {
+pub trait GradientSymmetry<Net>: Sync {
     /// Replaces gradients by the averages with their mirror images.
     fn average(&self, net: &Net, gradients: &mut GradientsParams) -> Result<()>;
 }
@@ -107,7 +107,7 @@ fn each_pair_of_layer(
     }
 }
 
-impl Symmetry<Mlp> for MlpSymmetry {
+impl GradientSymmetry<Mlp> for MlpSymmetry {
     fn average(&self, net: &Mlp, gradients: &mut GradientsParams) -> Result<()> {
         let mut gradient = net.take_gradient(gradients)?;
         self.average_flat(&mut gradient);
@@ -130,7 +130,7 @@ impl PolicySymmetry {
     }
 }
 
-impl Symmetry<GaussianPolicy> for PolicySymmetry {
+impl GradientSymmetry<GaussianPolicy> for PolicySymmetry {
     fn average(&self, policy: &GaussianPolicy, gradients: &mut GradientsParams) -> Result<()> {
         self.mean.average(&policy.mean, gradients)?;
         if let Some(gradient) = gradients.remove::<1>(policy.log_std.id) {

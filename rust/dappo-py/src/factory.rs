@@ -170,10 +170,14 @@ impl EnvFactory for TableFactory {
         if !config.ppo.symmetry {
             return Ok(None);
         }
-        let symmetry =
-            Python::attach(|py| symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error)))?;
-        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
-        task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space)).map(Some)
+        let reflections = || {
+            let symmetry =
+                Python::attach(|py| symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error)))?;
+            let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
+            task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space))
+        };
+        let refuse = |error| SimError::Config(format!("`ppo.symmetry` cannot be true: {error}"));
+        reflections().map(Some).map_err(refuse)
     }
 
     fn integrator(&self) -> &str {

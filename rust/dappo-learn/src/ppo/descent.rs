@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
 use dappo_nn::minibatch::shuffled;
-use dappo_nn::{GaussianPolicy, Mlp, Symmetry, scalar};
+use dappo_nn::{GaussianPolicy, GradientSymmetry, Mlp, scalar};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
@@ -39,7 +39,7 @@ pub(super) struct Descent<'a, Net> {
     pub optimizer: &'a mut ModuleOptimizer,
     pub learning_rate: f64,
     /// What keeps the network its own mirror image, if it is.
-    pub symmetry: Option<&'a dyn Symmetry<Net>>,
+    pub symmetry: Option<&'a dyn GradientSymmetry<Net>>,
 }
 
 impl<Net: Module> Descent<'_, Net> {

@@ -2,7 +2,7 @@
 
 use dappo_nn::error::check_length;
 use dappo_nn::minibatch::evenly_spaced;
-use dappo_nn::{Gradients, Mlp, NnError, Symmetry, unprivileged};
+use dappo_nn::{GradientSymmetry, Gradients, Mlp, NnError, unprivileged};
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::batch::{PolicyBatch, ValueBatch};
@@ -72,13 +72,13 @@ impl Ppo {
             learning_rate: schedule * self.policy_learning_rate(),
             net: &mut self.actor_critic.policy,
             optimizer: &mut self.policy_optimizer,
-            symmetry: mirror.map(|mirror| &mirror.policy as &dyn Symmetry<_>),
+            symmetry: mirror.map(|mirror| &mirror.policy as &dyn GradientSymmetry<_>),
         };
         let value = Descent {
             learning_rate: schedule * self.config.value_learning_rate,
             net: &mut self.actor_critic.value,
             optimizer: &mut self.value_optimizer,
-            symmetry: mirror.map(|mirror| &mirror.value as &dyn Symmetry<_>),
+            symmetry: mirror.map(|mirror| &mirror.value as &dyn GradientSymmetry<_>),
         };
         let (config, previous, device) = (&self.config, self.previous.as_ref(), &self.device);
         let gradients = config.gradients();

@@ -80,6 +80,7 @@ fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> 
             SimError::Config(format!("`curriculum[{index}].mix` cannot be used: {error}"))
         })?;
     }
+    factory.mirror(config)?;
     factory.check_memory(config)
 }
 

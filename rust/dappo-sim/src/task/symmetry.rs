@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::anatomy::JointParts;
 use super::observation::{ObservationGroup, Quantity};
-use super::{Measure, Task};
+use super::{Measure, RewardTerm, Task};
 use crate::backend::Layout;
 use crate::damage::DamageSpace;
 use crate::error::SimError;
@@ -188,13 +188,21 @@ impl Task {
                 ));
             }
         }
-        let mut rewards = self.rewards.iter();
-        match rewards.find(|term| matches!(term.measure, Measure::Python { .. })) {
+        let bodies = self.limits.bodies();
+        if let Some(body) = bodies.iter().find(|body| !bodies.contains(&symmetry.bodies[**body])) {
+            return Err(format!(
+                "[terminations.contact] lists the body `{}`, but not its mirror image",
+                self.layout.anatomy.bodies[*body]
+            ));
+        }
+        let python = |term: &&RewardTerm| matches!(term.measure, Measure::Python { .. });
+        let reward = self.rewards.iter().find(python).map(|term| format!("reward term `{}`", term.name));
+        let failure = self.python_failures.first().map(|function| format!("termination `{function}`"));
+        match reward.or(failure) {
             None => Ok(()),
-            Some(term) => Err(format!(
-                "the reward term `{}` is a Python function, which may differ between left and right",
-                term.name
-            )),
+            Some(what) => {
+                Err(format!("the {what} is a Python function, which may differ between left and right"))
+            }
         }
     }
 }

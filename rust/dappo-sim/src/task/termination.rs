@@ -82,6 +82,11 @@ impl Limits {
         })
     }
 
+    /// Indices of the bodies that must not touch anything.
+    pub fn bodies(&self) -> &[usize] {
+        &self.bodies
+    }
+
     /// Whether the episode has failed.
     pub fn are_exceeded(&self, scene: &Scene<'_>) -> bool {
         let Signals { qpos, .. } = scene.signals;
