@@ -27,7 +27,13 @@ _LONGEST = 36
 # Settings that do not affect training, except by rounding.
 _IRRELEVANT = ("seed", "env.threads", "env.njmax", "env.nconmax", "checkpoint.", "evaluation.")
 # Values of keys that older versions lack.
-_BEFORE = {"env.device": "cpu", "env.precision": "f64", "env.backend": "mujoco", "ppo.code_scale": 1.0}
+_BEFORE = {
+    "env.device": "cpu",
+    "env.precision": "f64",
+    "env.backend": "mujoco",
+    "ppo.code_scale": 1.0,
+    "ppo.symmetry": False,
+}
 
 
 @dataclass(frozen=True)

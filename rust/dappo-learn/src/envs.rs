@@ -22,7 +22,7 @@ pub trait EnvFactory {
     /// Lengths of what the policies of a configuration see and do.
     fn sizes(&self, config: &Config) -> std::result::Result<Sizes, SimError>;
 
-    /// How observations and actions are reflected where `ppo.symmetry` asks for it, or else `None`.
+    /// How observations and actions are reflected where `ppo.symmetry` is on, or else `None`.
     fn mirror(&self, config: &Config) -> std::result::Result<Option<Reflections>, SimError>;
 
     /// Integrator of the robot, as MuJoCo names it.

@@ -41,7 +41,7 @@ pub mod walk;
 
 pub use error::{FileKind, LearnError, Result};
 pub use gae::{Targets, gae};
-pub use ppo::{Ppo, PpoConfig, PpoLosses, Schedule};
+pub use ppo::{Ppo, PpoConfig, PpoLosses, Schedule, Symmetry};
 pub use rollout::Rollout;
 pub use run_policy::RunPolicy;
 pub use simulator::Simulator;

@@ -1,10 +1,10 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
-use dappo_learn::Sizes;
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
+use dappo_learn::{Sizes, Symmetry};
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;
 use dappo_sim::task::{Reflections, Task};
@@ -34,6 +34,8 @@ pub struct TableFactory {
     lanes: Result<LaneTable, String>,
     training: Physics,
     evaluation: Physics,
+    /// Why `ppo.symmetry = "auto"` is off for this robot, if it is.
+    asymmetry: Option<String>,
 }
 
 impl TableFactory {
@@ -78,6 +80,7 @@ impl TableFactory {
             integrator,
             threads: config.env.threads.unwrap_or_else(available),
             room: Room { njmax: config.env.njmax, nconmax: config.env.nconmax },
+            asymmetry: None,
         })
     }
 
@@ -91,9 +94,39 @@ impl TableFactory {
         if self.lanes.is_ok() { BackendKind::Lanes } else { BackendKind::Mujoco }
     }
 
+    /// Turns `ppo.symmetry = "auto"` on if the robot and its task are their own mirror images, or else off. Fails if it
+    /// is on and they are not.
+    pub fn settle_symmetry(&mut self, config: &mut Config) -> Result<(), SimError> {
+        config.ppo.symmetry = match (config.ppo.symmetry, self.reflections(config)) {
+            (Symmetry::Off, _) => Symmetry::Off,
+            (Symmetry::On | Symmetry::Auto, Ok(_)) => Symmetry::On,
+            (Symmetry::Auto, Err(error)) => {
+                self.asymmetry = Some(error.to_string());
+                Symmetry::Off
+            }
+            (Symmetry::On, Err(error)) => {
+                return Err(SimError::Config(format!("`ppo.symmetry` cannot be true: {error}")));
+            }
+        };
+        Ok(())
+    }
+
+    /// How observations and actions are reflected; an error with the first difference between left and right.
+    fn reflections(&self, config: &Config) -> Result<Reflections, SimError> {
+        let symmetry =
+            Python::attach(|py| symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error)))?;
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
+        task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space))
+    }
+
     /// Fails if a training of this configuration does not fit the memory.
     pub fn check_memory(&self, config: &Config) -> Result<(), SimError> {
         check_training(config, self.sizes(config)?, &self.layout, self.space.classes().len())
+    }
+
+    /// Why the networks are not their own mirror images where the setting left that open; `None` where they are.
+    pub fn asymmetry(&self) -> Option<&str> {
+        self.asymmetry.as_deref()
     }
 
     /// A line about what simulates: which backend, how precise, where, and why not the faster one or in what
@@ -167,17 +200,7 @@ impl EnvFactory for TableFactory {
     }
 
     fn mirror(&self, config: &Config) -> Result<Option<Reflections>, SimError> {
-        if !config.ppo.symmetry {
-            return Ok(None);
-        }
-        let reflections = || {
-            let symmetry =
-                Python::attach(|py| symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error)))?;
-            let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
-            task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space))
-        };
-        let refuse = |error| SimError::Config(format!("`ppo.symmetry` cannot be true: {error}"));
-        reflections().map(Some).map_err(refuse)
+        (config.ppo.symmetry == Symmetry::On).then(|| self.reflections(config)).transpose()
     }
 
     fn integrator(&self) -> &str {

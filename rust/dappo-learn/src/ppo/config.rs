@@ -3,6 +3,7 @@
 use dappo_nn::{Gradients, LearnerDevice};
 use serde::{Deserialize, Serialize};
 
+use super::symmetry::Symmetry;
 use crate::error::{LearnError, Result};
 use crate::faults::Faults;
 
@@ -80,9 +81,9 @@ pub struct PpoConfig {
     pub value_learning_rate: f64,
     /// `constant` or `linear`: how both learning rates change during a run.
     pub schedule: Schedule,
-    /// Whether the networks are their own mirror images, left to right, so that what they learn on one side holds for both.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub symmetry: bool,
+    /// `true`, `false` or `"auto"`: whether the networks are their own mirror images, left to right, so that what they
+    /// learn on one side holds for both.
+    pub symmetry: Symmetry,
 }
 
 impl Default for PpoConfig {
@@ -108,7 +109,7 @@ impl Default for PpoConfig {
             value_minibatch_size: 2048,
             value_learning_rate: 1e-3,
             schedule: Schedule::Constant,
-            symmetry: false,
+            symmetry: Symmetry::Off,
         }
     }
 }
@@ -116,7 +117,8 @@ impl Default for PpoConfig {
 impl PpoConfig {
     /// A named preset: `paper`, or `batch` for hundreds to thousands of environments.
     ///
-    /// `batch` differs in optimisation and in the scale of the damage code. Where simulation is cheap, fewer
+    /// `batch` differs in optimisation, in the scale of the damage code, and in that the networks have the symmetry of the
+    /// robot. Where simulation is cheap, fewer
     /// passes over more samples learn sooner; a batch from many environments is less correlated than one from
     /// a few and allows larger steps and a KL target three times the paper's. A larger damage code is heeded
     /// sooner: at 1, the policy walked almost as well with the code of no damage
@@ -132,6 +134,7 @@ impl PpoConfig {
                 // Already large: a run whose factor rose to 10 unlearned walking (docs/results/healthy_ant.md).
                 max_lr_factor: 1.0,
                 value_epochs: 1,
+                symmetry: Symmetry::Auto,
                 ..Self::default()
             }),
             _ => Err(LearnError::Config {
@@ -148,7 +151,11 @@ impl PpoConfig {
         let (device, gradients) = (self.device, self.gradients);
         let own = self.to_table()?;
         let differences = PRESETS.into_iter().map(|name| {
-            let preset = Self { device, gradients, ..Self::preset(name)? }.to_table()?;
+            let preset = Self { device, gradients, ..Self::preset(name)? };
+            // A run with a robot that has it.
+            let found = preset.symmetry == Symmetry::Auto && self.symmetry == Symmetry::On;
+            let symmetry = if found { Symmetry::On } else { preset.symmetry };
+            let preset = Self { symmetry, ..preset }.to_table()?;
             let changed = own.iter().filter(|(key, value)| preset.get(*key) != Some(*value));
             Ok((name, changed.map(|(key, value)| format!("ppo.{key} = {value}")).collect::<Vec<_>>()))
         });
@@ -246,6 +253,25 @@ mod tests {
         }
         let message = PpoConfig::preset("fast").unwrap_err().to_string();
         assert_eq!(message, "preset is \"fast\", expected \"paper\" or \"batch\"");
+    }
+
+    #[test]
+    fn symmetry_is_true_false_or_auto_and_on_is_what_the_preset_finds() {
+        let read = |text: &str| toml::from_str::<PpoConfig>(text);
+        for (text, symmetry) in [("true", Symmetry::On), ("false", Symmetry::Off), ("'auto'", Symmetry::Auto)]
+        {
+            let config = read(&format!("symmetry = {text}")).unwrap();
+            assert_eq!(config.symmetry, symmetry);
+            assert_eq!(read(&toml::to_string(&config).unwrap()).unwrap(), config);
+        }
+        let message = read("symmetry = 'maybe'").unwrap_err().to_string();
+        assert!(message.contains("expected true, false or \"auto\""), "{message}");
+        let batch = PpoConfig::preset("batch").unwrap();
+        let on = PpoConfig { symmetry: Symmetry::On, ..batch.clone() };
+        assert_eq!(on.closest_preset().unwrap(), ("batch", Vec::new()));
+        let off = PpoConfig { symmetry: Symmetry::Off, gamma: 0.9, ..batch };
+        let (preset, changed) = off.closest_preset().unwrap();
+        assert_eq!((preset, changed.len()), ("batch", 2), "{changed:?}");
     }
 
     #[test]

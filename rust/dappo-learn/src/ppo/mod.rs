@@ -11,6 +11,7 @@ mod gaussian;
 mod loss;
 mod recorded;
 mod state;
+mod symmetry;
 mod update;
 mod written;
 
@@ -25,6 +26,7 @@ use dappo_sim::task::{Reflection, Reflections};
 
 pub use config::{PpoConfig, Schedule};
 pub use loss::{Adaptation, PpoLosses};
+pub use symmetry::Symmetry;
 
 use crate::error::{LearnError, Result};
 use crate::sizes::Sizes;

@@ -60,14 +60,15 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     layers.assign(&arguments.set)
 }
 
-/// Settles the devices and compiles the robot of a training. All detectable errors are refused here, before
+/// Settles the devices and the symmetry and compiles the robot of a training. All detectable errors are refused here, before
 /// there is a run folder.
 pub fn ready(py: Python<'_>, config: &mut Config) -> PyResult<TableFactory> {
     config.env.device = training_device(config).or_raise()?;
     config.evaluation.device = warp::resolve(config.evaluation.device).or_raise()?;
     config.ppo.device.open().or_raise()?;
-    let factory = TableFactory::compile(py, config)?;
+    let mut factory = TableFactory::compile(py, config)?;
     check_robot(config, &factory).or_raise()?;
+    factory.settle_symmetry(config).or_raise()?;
     Ok(factory)
 }
 
@@ -80,7 +81,6 @@ fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> 
             SimError::Config(format!("`curriculum[{index}].mix` cannot be used: {error}"))
         })?;
     }
-    factory.mirror(config)?;
     factory.check_memory(config)
 }
 
