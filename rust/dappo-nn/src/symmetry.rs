@@ -94,14 +94,22 @@ fn each_pair_of_layer(
     of: &impl Fn(f32, f32, f32) -> [f32; 2],
 ) {
     let width = outputs.len();
-    for (input, row) in inputs.iter().enumerate() {
+    for (input, row) in inputs.iter().enumerate().filter(|(input, row)| *input <= row.of) {
+        let (before, image_row) = weight.split_at_mut(row.of * width);
+        if input < row.of {
+            let row_here = &mut before[input * width..][..width];
+            for (here, column) in row_here.iter_mut().zip(outputs) {
+                let image = &mut image_row[column.of];
+                [*here, *image] = of(*here, *image, row.sign * column.sign);
+            }
+            continue;
+        }
         for (output, column) in outputs.iter().enumerate() {
-            let (here, image) = (input * width + output, row.of * width + column.of);
-            let sign = row.sign * column.sign;
-            if here < image {
-                [weight[here], weight[image]] = of(weight[here], weight[image], sign);
-            } else if here == image && sign < 0.0 {
-                weight[here] = 0.0;
+            let (here, sign) = (image_row[output], row.sign * column.sign);
+            if output < column.of {
+                [image_row[output], image_row[column.of]] = of(here, image_row[column.of], sign);
+            } else if output == column.of && sign < 0.0 {
+                image_row[output] = 0.0;
             }
         }
     }
