@@ -102,9 +102,10 @@ def read(folder: Path) -> Run:
 
 def learner(config: dict[str, Any]) -> str:
     """Return the name of the learner; the scale of an unobserved code is left out."""
+    symmetry = ", symmetric" if config["ppo"].get("symmetry", False) else ""
     if not config["env"]["observe_damage"]:
-        return "PPO-Unaware"
-    return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}"
+        return f"PPO-Unaware{symmetry}"
+    return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}{symmetry}"
 
 
 def curve(lines: Iterable[dict[str, Any]], total_steps: int) -> list[dict[str, float]]:

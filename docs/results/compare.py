@@ -1,9 +1,9 @@
-"""Compare the two learners of a results page, from its table.
+"""Compare two learners of a results page, from its table.
 
-Usage: ``python docs/results/compare.py [--column tracking] NAME [SEED...]`` reads
+Usage: ``python docs/results/compare.py [--column tracking] [--learners A B] NAME [SEED...]`` reads
 ``docs/results/NAME/per_class.csv`` and prints, for all seeds or for those given, the mean of a column (by
-default the forward reward) for each learner, the gain of DA-PPO over PPO-Unaware with its interval, the
-classes in which it is ahead, and the groups of damage classes.
+default the forward reward) for each learner, the gain of the first over the second (by default of DA-PPO over
+PPO-Unaware) with its interval, the classes in which it is ahead, and the groups of damage classes.
 
 Intervals are those of ``dappo-batch evaluate --compare``: 95 % percentile intervals of 10 000 resamples of
 classes, the same for both learners, and of seeds, for each learner by itself. The draws differ, and so does
@@ -21,7 +21,7 @@ from statistics import mean
 
 FOLDER = Path(__file__).resolve().parent
 RESAMPLES = 10_000
-AWARE, UNAWARE = "DA-PPO, code scale 4", "PPO-Unaware"
+LEARNERS = ("DA-PPO, code scale 4", "PPO-Unaware")
 
 Rewards = dict[int, dict[str, float]]
 """Mean of the column by seed and damage class."""
@@ -29,32 +29,33 @@ Rewards = dict[int, dict[str, float]]
 
 def main() -> None:
     """Print the comparison."""
-    parser = argparse.ArgumentParser(description="Compare the two learners of a results page.")
+    parser = argparse.ArgumentParser(description="Compare two learners of a results page.")
     parser.add_argument("--column", default="forward_reward")
+    parser.add_argument("--learners", nargs=2, default=LEARNERS)
     parser.add_argument("name")
     parser.add_argument("seeds", nargs="*")
     asked = parser.parse_args()
     with (FOLDER / asked.name / "per_class.csv").open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if not asked.seeds or row["seed"] in asked.seeds]
     groups = {row["name"]: row["group"] for row in rows}
-    aware, unaware = (rewards(rows, learner, asked.column) for learner in (AWARE, UNAWARE))
+    one, other = (rewards(rows, learner, asked.column) for learner in asked.learners)
     digits = 3 if asked.column.startswith("tracking") else 1
-    for learner, found in (("DA-PPO", aware), ("PPO-Unaware", unaware)):
+    for learner, found in zip(asked.learners, (one, other), strict=True):
         means = {seed: mean(classes.values()) for seed, classes in found.items()}
         each = ", ".join(f"seed {seed}: {value:.{digits}f}" for seed, value in means.items())
         print(f"{learner}: {mean(means.values()):.{digits}f} ({each})")
-    ahead = sum(over_seeds(aware, [name]) > over_seeds(unaware, [name]) for name in groups)
-    print(f"DA-PPO ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)")
+    ahead = sum(over_seeds(one, [name]) > over_seeds(other, [name]) for name in groups)
+    print(f"{asked.learners[0]} ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)")
     for subset, ending in (("all classes", ""), ("adjacent pairs", " A"), ("opposite pairs", " O")):
         chosen = [name for name, group in groups.items() if group.endswith(ending)]
         if chosen:
-            print(f"gain, {subset} ({len(chosen)}): {gain(aware, unaware, chosen)}")
+            print(f"gain, {subset} ({len(chosen)}): {gain(one, other, chosen)}")
     places = digits - 1
     for group in dict.fromkeys(groups.values()):
         members = [name for name in groups if groups[name] == group]
         columns = (
             ", ".join(f"{mean(classes[name] for name in members):.{places}f}" for classes in side.values())
-            for side in (aware, unaware)
+            for side in (one, other)
         )
         print(f"| {group} | {len(members)} | {' | '.join(columns)} |")
 
@@ -73,10 +74,10 @@ def over_seeds(side: Rewards, names: list[str]) -> float:
     return mean(mean(classes[name] for name in names) for classes in side.values())
 
 
-def gain(aware: Rewards, unaware: Rewards, names: list[str]) -> str:
-    """Format the gain of DA-PPO, with an interval."""
+def gain(one: Rewards, other: Rewards, names: list[str]) -> str:
+    """Format the gain of one over the other, with an interval."""
     draw = random.Random(0)
-    sides = [list(side.values()) for side in (aware, unaware)]
+    sides = [list(side.values()) for side in (one, other)]
     ratios = []
     for _ in range(RESAMPLES):
         classes = draw.choices(names, k=len(names))
@@ -87,7 +88,7 @@ def gain(aware: Rewards, unaware: Rewards, names: list[str]) -> str:
         ratios.append(means[0] / means[1] - 1)
     ratios.sort()
     low, high = (ratios[round(share * (RESAMPLES - 1))] for share in (0.025, 0.975))
-    value = over_seeds(aware, names) / over_seeds(unaware, names) - 1
+    value = over_seeds(one, names) / over_seeds(other, names) - 1
     return f"{value:+.1%} [{low:+.1%}, {high:+.1%}]"
 
 
