@@ -45,7 +45,9 @@ def main() -> None:
         each = ", ".join(f"seed {seed}: {value:.{digits}f}" for seed, value in means.items())
         print(f"{learner}: {mean(means.values()):.{digits}f} ({each})")
     ahead = sum(over_seeds(one, [name]) > over_seeds(other, [name]) for name in groups)
-    print(f"{asked.learners[0]} ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)")
+    print(
+        f"{asked.learners[0]} ahead in {ahead} of {len(groups)} classes ({100 * ahead / len(groups):.1f} %)"
+    )
     for subset, ending in (("all classes", ""), ("adjacent pairs", " A"), ("opposite pairs", " O")):
         chosen = [name for name, group in groups.items() if group.endswith(ending)]
         if chosen:
