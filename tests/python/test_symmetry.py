@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
 from pathlib import Path
 
 import mujoco
@@ -13,6 +15,8 @@ import dappo_batch
 from dappo_batch import ConfigError
 from dappo_batch.model import compile_class_table
 from dappo_batch.model.symmetry import find_symmetry
+
+from .command_line import dappo_batch as cli
 
 ROBOTS = Path(dappo_batch.__file__).parent / "robots"
 SIDES = {
@@ -336,3 +340,61 @@ def test_a_hinge_may_turn_the_other_way(tmp_path: Path) -> None:
     table = compile_class_table(path, max_damaged_limbs=0)
     signs = [image.sign for image in find_symmetry(table).joints]
     assert signs == [1.0, 1.0, 1.0] * 2 + [-1.0, 1.0, 1.0] * 2
+
+
+SHORT = ("--set", "env.num_envs=8", "horizon=8", "evaluation.episodes=1", "ppo.hidden=[9]")
+
+
+def symmetry_of(run: Path) -> object:
+    return tomllib.loads((run / "config.toml").read_text())["ppo"]["symmetry"]
+
+
+def is_symmetric(run: Path, robot: str) -> bool:
+    """Return whether the policy of a run takes reflected actions for reflected observations."""
+    policy = dappo_batch.Policy.load(run)
+    env = dappo_batch.make_vec(robot, 32, damage="uniform", seed=1, observe_damage=policy.observes_damage)
+    obs, _ = env.reset()
+    for _ in range(5):
+        obs, *_ = env.step(env.action_space.sample())
+    mirror = env.mirror()
+    env.close()
+    images = policy.act(mirror.obs(obs))
+    assert np.abs(images).max() > 1e-3
+    return bool(np.allclose(images, mirror.actions(policy.act(obs)), atol=1e-4))
+
+
+def test_the_preset_batch_finds_the_symmetry_and_a_resumed_run_keeps_it(tmp_path: Path) -> None:
+    run, other = tmp_path / "run", tmp_path / "other"
+    command = ("train", "--robot", "ant", *SHORT)
+    cli("train", "--steps", "320", "--run", run, *command[1:])
+    assert symmetry_of(run) is True
+    assert is_symmetric(run, "ant")
+    cli("train", "--steps", "640", "--run", other, *command[1:])
+    cli("train", "--resume", run, "--steps", "640")
+    assert is_symmetric(run, "ant")
+    lines = [(folder / "metrics.jsonl").read_text().splitlines()[-1] for folder in (run, other)]
+    losses = [json.loads(line)["policy_loss"] for line in lines]
+    assert losses[0] == losses[1]
+    cli("train", "--resume", run, "--steps", "960", "--set", "ppo.symmetry=false")
+    _, err = cli("train", "--resume", run, "--steps", "1280", "--set", "ppo.symmetry=true", code=1)
+    assert "`ppo.symmetry` cannot change in a run, from false to true" in err
+
+
+def test_ordinary_networks_are_not_their_own_mirror_images(tmp_path: Path) -> None:
+    cli("train", "--robot", "ant", "--steps", "320", "--run", tmp_path / "run", *SHORT, "ppo.symmetry=false")
+    assert symmetry_of(tmp_path / "run") is False
+    assert not is_symmetric(tmp_path / "run", "ant")
+
+
+def test_a_policy_without_the_code_of_a_damage_on_one_side_is_not_symmetric(tmp_path: Path) -> None:
+    one_side = ("--unaware", *SHORT, 'curriculum=[{name="a",mix="missing_toe@1"}]')
+    run = tmp_path / "run"
+    _, err = cli("train", "--robot", "ant", "--steps", "64", "--run", run, *one_side)
+    assert (
+        "without symmetry: `curriculum[0].mix` is `missing_toe@1`, which is not its own mirror image" in err
+    )
+    assert symmetry_of(run) is False
+    _, err = cli("train", "--robot", "ant", "--steps", "64", *one_side, "ppo.symmetry=true", code=1)
+    assert "`ppo.symmetry` cannot be true: `curriculum[0].mix`" in err
+    cli("train", "--robot", "ant", "--steps", "64", "--run", tmp_path / "both", "--unaware", *SHORT)
+    assert symmetry_of(tmp_path / "both") is True

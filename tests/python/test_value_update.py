@@ -21,7 +21,7 @@ LEARNING_RATE = 3e-3
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train for two iterations, each with a single value minibatch, whose order then does not matter."""
     folder = tmp_path_factory.mktemp("value") / "run"
-    settings = ("checkpoint.every=1", "checkpoint.keep=2", "ppo.value_epochs=1")
+    settings = ("checkpoint.every=1", "checkpoint.keep=2", "ppo.value_epochs=1", "ppo.symmetry=false")
     settings += ("ppo.value_minibatch_size=100000", f"ppo.value_learning_rate={LEARNING_RATE}")
     dappo_batch("train", *TINY, *settings, "--steps", str(2 * ITERATION), "--run", folder)
     return folder

@@ -1,13 +1,14 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
+use dappo_learn::Sizes;
+use dappo_learn::Symmetry as Choice;
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
-use dappo_learn::{Sizes, Symmetry};
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;
-use dappo_sim::task::{Reflections, Task};
+use dappo_sim::task::{Reflections, Symmetry, Task};
 use dappo_sim::threads::available;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, VectorEnv};
 use pyo3::IntoPyObjectExt;
@@ -98,14 +99,16 @@ impl TableFactory {
     /// is on and they are not.
     pub fn settle_symmetry(&mut self, config: &mut Config) -> Result<(), SimError> {
         config.ppo.symmetry = match (config.ppo.symmetry, self.reflections(config)) {
-            (Symmetry::Off, _) => Symmetry::Off,
-            (Symmetry::On | Symmetry::Auto, Ok(_)) => Symmetry::On,
-            (Symmetry::Auto, Err(error)) => {
+            (Choice::Off, _) => Choice::Off,
+            (Choice::On | Choice::Auto, Ok(_)) => Choice::On,
+            (Choice::Auto, Err(error)) => {
                 self.asymmetry = Some(error.to_string());
-                Symmetry::Off
+                Choice::Off
             }
-            (Symmetry::On, Err(error)) => {
-                return Err(SimError::Config(format!("`ppo.symmetry` cannot be true: {error}")));
+            (Choice::On, Err(error)) => {
+                return Err(SimError::Config(format!(
+                    "`ppo.symmetry` cannot be true: {error}; `--set ppo.symmetry=false` trains ordinary networks"
+                )));
             }
         };
         Ok(())
@@ -115,8 +118,27 @@ impl TableFactory {
     fn reflections(&self, config: &Config) -> Result<Reflections, SimError> {
         let symmetry =
             Python::attach(|py| symmetry::find(self.table.bind(py)).map_err(|error| to_sim(py, &error)))?;
+        if !config.env.observe_damage {
+            self.check_mixes(config, &symmetry)?;
+        }
         let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
         task.reflections(&symmetry, config.env.observe_damage.then_some(&self.space))
+    }
+
+    /// Refuses stages with a damage on one side alone, which a policy must tell from that on the other side.
+    fn check_mixes(&self, config: &Config, symmetry: &Symmetry) -> Result<(), SimError> {
+        for (index, stage) in config.curriculum.iter().enumerate() {
+            let Some(class) = stage.mix.only_class(&self.space)? else { continue };
+            let class = &self.space.classes()[class];
+            if self.space.mirror_image(class, &symmetry.limbs) != Some(class) {
+                return Err(SimError::Config(format!(
+                    "`curriculum[{index}].mix` is `{}`, which is not its own mirror image, and the policy does not \
+                     observe the damage",
+                    class.name
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Fails if a training of this configuration does not fit the memory.
@@ -200,7 +222,7 @@ impl EnvFactory for TableFactory {
     }
 
     fn mirror(&self, config: &Config) -> Result<Option<Reflections>, SimError> {
-        (config.ppo.symmetry == Symmetry::On).then(|| self.reflections(config)).transpose()
+        (config.ppo.symmetry == Choice::On).then(|| self.reflections(config)).transpose()
     }
 
     fn integrator(&self) -> &str {

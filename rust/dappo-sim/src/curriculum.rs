@@ -113,16 +113,27 @@ impl Strata {
 }
 
 impl ClassMix {
+    /// The class that all robots have; `None` if they have several.
+    pub fn only_class(&self, space: &DamageSpace) -> Result<Option<usize>, SimError> {
+        match self {
+            Self::Named(name) if name == "uniform" => Ok(None),
+            Self::Named(spec) => space.parse(spec).map(Some),
+            Self::Strata(_) => Ok(None),
+        }
+    }
+
     /// The probabilities of all classes of `space`.
     pub fn distribution(&self, space: &DamageSpace) -> Result<ClassDistribution, SimError> {
         let classes = space.classes();
         match self {
-            Self::Named(name) if name == "uniform" => Ok(ClassDistribution::uniform(classes.len())),
-            Self::Named(spec) => {
-                let mut weights = vec![0.0; classes.len()];
-                weights[space.parse(spec)?] = 1.0;
-                ClassDistribution::from_weights(&weights)
-            }
+            Self::Named(_) => match self.only_class(space)? {
+                None => Ok(ClassDistribution::uniform(classes.len())),
+                Some(class) => {
+                    let mut weights = vec![0.0; classes.len()];
+                    weights[class] = 1.0;
+                    ClassDistribution::from_weights(&weights)
+                }
+            },
             Self::Strata(strata) => {
                 let of = |damages: usize| match damages {
                     0 => (0, strata.healthy),

@@ -31,7 +31,7 @@ pub fn change(config: &Config, assignments: &[Assignment]) -> Result<Config> {
     let changed = layers.resolve()?;
     let refused = changes(config, &changed)?
         .into_iter()
-        .find_map(|change| built_in(&change.key).map(|reason| (change, reason)));
+        .find_map(|change| built_in(&change).map(|reason| (change, reason)));
     let Some((Change { key, from, to }, reason)) = refused else { return Ok(changed) };
     let show = |value: Option<toml::Value>| value.map_or("its default".to_owned(), |value| value.to_string());
     Err(LearnError::Invalid(format!(
@@ -64,7 +64,7 @@ fn compare(section: &str, from: &toml::Table, to: &toml::Table, found: &mut Vec<
 }
 
 /// Why a setting cannot change in a run; `None` for those that can.
-fn built_in(key: &str) -> Option<&'static str> {
+fn built_in(Change { key, to, .. }: &Change) -> Option<&'static str> {
     let (section, name) = key.split_once('.').unwrap_or(("", key));
     match (section, name) {
         ("", "robot") => Some("its networks and episodes are those of this robot"),
@@ -81,7 +81,10 @@ fn built_in(key: &str) -> Option<&'static str> {
             Some("its networks and episodes are those of robots with these damages")
         }
         ("ppo", "hidden") => Some("its networks have these layers"),
-        ("ppo", "symmetry") => Some("its networks are mirror images of themselves or not"),
+        // Symmetric networks go on as ordinary ones, for example with a robot that has changed on one side.
+        ("ppo", "symmetry") if *to != Some(false.into()) => {
+            Some("its networks are not their own mirror images")
+        }
         ("ppo", "code_scale") => Some("its networks have learned with this scale"),
         ("ppo", "initial_log_variance") => Some("its policy has begun with it"),
         ("", "horizon" | "total_steps" | "curriculum")

@@ -144,6 +144,16 @@ impl DamageSpace {
         self.classes.iter().flat_map(|class| class.code(self.limbs, self.types.len())).collect()
     }
 
+    /// The class with the same damages of other limbs: `images` has the limb that takes the place of each one, as in
+    /// [`Symmetry::limbs`](crate::task::Symmetry::limbs).
+    #[must_use]
+    pub fn mirror_image(&self, class: &DamageClass, images: &[usize]) -> Option<&DamageClass> {
+        let image = |damage: &Damage| Some(Damage { limb: *images.get(damage.limb)?, ..*damage });
+        let mut damages = class.damages.iter().map(image).collect::<Option<Vec<_>>>()?;
+        damages.sort_unstable();
+        self.classes.iter().find(|class| class.damages == damages)
+    }
+
     /// The class that a specification names: `healthy`, `jammed_joint@0`,
     /// `missing_toe@1+jammed_joint@3` (any order) or a class id.
     pub fn parse(&self, spec: &str) -> Result<usize, SimError> {
@@ -296,6 +306,19 @@ mod tests {
             space.parse("missing_toe@3 + jammed_joint@1").unwrap(),
             space.parse("jammed_joint@1+missing_toe@3").unwrap()
         );
+    }
+
+    #[test]
+    fn mirror_images_have_the_same_damages_of_the_limbs_of_the_other_side() {
+        // Limbs 0 and 3, 1 and 2 take each other's place, as those of the Ant: 33 classes, 19 up to symmetry.
+        let (space, images) = (space(4, 2, 2), [3, 2, 1, 0]);
+        let image = |class: &DamageClass| space.mirror_image(class, &images).unwrap().clone();
+        let of = |name: &str| image(&space.classes()[space.parse(name).unwrap()]).name;
+        assert_eq!(of("healthy"), "healthy");
+        assert_eq!(of("missing_toe@0"), "missing_toe@3");
+        assert_eq!(of("missing_toe@0+jammed_joint@2"), "jammed_joint@1+missing_toe@3");
+        let own = space.classes().iter().filter(|class| image(class) == **class).count();
+        assert_eq!(own, 5, "33 = 2 · 19 - 5");
     }
 
     #[test]
