@@ -135,10 +135,11 @@ def rounded(point: dict[str, float]) -> dict[str, Any]:
 
 
 def write(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write a table with a header."""
+    """Write a table with the columns that all rows have, which were fewer in earlier versions."""
     table = list(rows)
+    columns = [column for column in table[0] if all(column in row for row in table)]
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, table[0].keys(), lineterminator="\n")
+        writer = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
 
