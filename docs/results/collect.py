@@ -15,9 +15,9 @@ It needs only Python.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
-import sys
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -50,10 +50,13 @@ class Run:
 
 def main() -> None:
     """Write the tables and the picture."""
-    name, *folders = sys.argv[1:]
-    target = FOLDER / name
+    parser = argparse.ArgumentParser(description="Collect runs into the tables of a results page.")
+    parser.add_argument("name")
+    parser.add_argument("runs", nargs="*", type=Path)
+    asked = parser.parse_args()
+    target = FOLDER / asked.name
     target.mkdir(exist_ok=True)
-    found = {(run.learner, run.seed): run for run in [*collected(target), *map(read, map(Path, folders))]}
+    found = {(run.learner, run.seed): run for run in [*collected(target), *map(read, asked.runs)]}
     runs = [found[key] for key in sorted(found)]
     write(target / "per_class.csv", (tag(run) | row for run in runs for row in run.classes))
     if any(run.commanded for run in runs):
@@ -102,10 +105,12 @@ def read(folder: Path) -> Run:
 
 def learner(config: dict[str, Any]) -> str:
     """Return the name of the learner; the scale of an unobserved code is left out."""
-    symmetry = ", symmetric" if config["ppo"].get("symmetry", False) else ""
+    others = ", symmetric" if config["ppo"].get("symmetry", False) else ""
+    if steps := config["damage"].get("min_class_steps"):
+        others += f", {steps} steps a class"
     if not config["env"]["observe_damage"]:
-        return f"PPO-Unaware{symmetry}"
-    return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}{symmetry}"
+        return f"PPO-Unaware{others}"
+    return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}{others}"
 
 
 def curve(lines: Iterable[dict[str, Any]], total_steps: int) -> list[dict[str, float]]:

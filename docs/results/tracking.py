@@ -6,9 +6,9 @@ each run and tenth of its iterations. It needs only Python.
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,16 +41,20 @@ def rows(run: Path) -> Iterator[tuple[float | str, ...]]:
         yield seed, part[-1]["env_steps"], f"{seconds:.1f}", *(f"{number:.3f}" for number in numbers)
 
 
-def main(name: str, *runs: str) -> None:
+def main() -> None:
     """Write the table."""
-    folder = FOLDER / name
+    parser = argparse.ArgumentParser(description="Collect trainings of a task with commands.")
+    parser.add_argument("name")
+    parser.add_argument("runs", nargs="+", type=Path)
+    asked = parser.parse_args()
+    folder = FOLDER / asked.name
     folder.mkdir(exist_ok=True)
     with (folder / "tracking.csv").open("w", newline="") as file:
         table = csv.writer(file)
         table.writerow(COLUMNS)
-        for run in runs:
-            table.writerows(rows(Path(run)))
+        for run in asked.runs:
+            table.writerows(rows(run))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()
