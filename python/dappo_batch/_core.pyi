@@ -97,6 +97,7 @@ class VectorEnv:
         autoreset: str = "next_step",
         max_episode_steps: int | None = None,
         class_weights: NDArray[np.float64] | None = None,
+        min_class_steps: int = 0,
         onset: tuple[int, int] = ...,
         damage_duration: tuple[int, int] | None = None,
         damage_pause: tuple[int, int] | None = None,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SEED, ENVS, STEPS = 11, 16, 30
-ONSET, DAMAGE_DURATION, CODE_DELAY = 2, 22, 26  # purposes of random streams
+DAMAGE_CLASS, ONSET, DAMAGE_DURATION, CODE_DELAY = 1, 2, 22, 26  # purposes of random streams
 COURSE: dict[str, Any] = {"onset": (2, 6), "damage_duration": (1, 7), "damage_pause": (2, 4)}
 
 
@@ -94,6 +94,31 @@ def test_codes_are_late_as_drawn_and_classes_are_not(
         assert len(set(classes)) == 2
 
 
+@pytest.mark.parametrize(("min_class_steps", "episodes"), [(0, 1), (4, 1), (5, 2), (8, 2), (9, 3)])
+def test_an_env_keeps_its_class_for_the_least_steps(
+    ant_table: ClassTable, min_class_steps: int, episodes: int
+) -> None:
+    envs = db.make_vec(
+        ant_table,
+        ENVS,
+        seed=SEED,
+        max_episode_steps=4,
+        min_class_steps=min_class_steps,
+        autoreset="same_step",
+    )
+    drawn = [envs.reset()[1]["damage_class"]]
+    for step in range(1, 6 * 4):
+        *_, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+        if step % 4 == 0:
+            drawn.append(infos["damage_class"])
+    envs.close()
+    count = len(ant_table.space)
+    for env in range(ENVS):
+        uniform = [Stream(SEED + env, number, DAMAGE_CLASS).uniform() for number in range(6)]
+        of_episode = [int(count * uniform[number - number % episodes]) for number in range(6)]
+        assert [int(row[env]) for row in drawn] == of_episode
+
+
 def test_a_robot_recovers_as_one_that_continues_with_the_healthy_model(
     ant_table: ClassTable, backend: str
 ) -> None:
@@ -148,7 +173,14 @@ def test_a_reset_fixes_duration_and_pause_of_each_env(ant_table: ClassTable) -> 
 
 def test_a_saved_state_and_the_next_episodes_keep_the_course(ant_table: ClassTable, backend: str) -> None:
     envs = db.make_vec(
-        ant_table, 8, seed=4, backend=backend, max_episode_steps=12, code_delay=(0, 3), **COURSE
+        ant_table,
+        8,
+        seed=4,
+        backend=backend,
+        max_episode_steps=12,
+        min_class_steps=20,
+        code_delay=(0, 3),
+        **COURSE,
     )
     actions = np.random.default_rng(0).uniform(-1, 1, (40, 8, 8)).astype(np.float32)
     envs.reset()
@@ -167,6 +199,7 @@ def test_a_saved_state_and_the_next_episodes_keep_the_course(ant_table: ClassTab
         ({"damage_duration": (5, 2)}, "damage_duration: the range must not be empty"),
         ({"damage_duration": 2, "damage_pause": (0, 3)}, "damage_pause .*1"),
         ({"damage_duration": "long"}, "damage_duration"),
+        ({"min_class_steps": -1}, "min_class_steps .*0"),
         ({"code_delay": -1}, "code_delay .*0"),
         ({"code_delay": (5, 2)}, "code_delay: the range must not be empty"),
     ],
@@ -179,7 +212,7 @@ def test_wrong_durations_are_refused(ant_table: ClassTable, options: dict[str, A
 def test_a_training_with_damage_that_returns_resumes_exactly_and_is_evaluated_with_it(tmp_path: Path) -> None:
     course = {"damage.onset": {"first": 1, "last": 5}, "damage.duration": {"first": 2, "last": 9}}
     course |= {"damage.pause": {"first": 1, "last": 4}, "damage.code_delay": {"first": 0, "last": 3}}
-    course |= {"env.max_episode_steps": 25, "damage.max_damaged_limbs": 1}
+    course |= {"env.max_episode_steps": 25, "damage.max_damaged_limbs": 1, "damage.min_class_steps": 60}
     whole = trained_twice(tmp_path, "ant", iterations=4, **course)
     ends = (whole.path / "eval" / "per_class.csv").read_text()
     course |= {"damage.duration": {"first": 1, "last": 1}, "damage.pause": {"first": 9, "last": 9}}

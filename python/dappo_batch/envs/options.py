@@ -45,6 +45,10 @@ class EnvOptions(TypedDict, total=False):
         Distribution of the damage class of an episode: ``"uniform"`` (the default) over all D classes,
         ``"healthy"`` or another class (id or spec string), a sequence of classes, a mapping class → weight,
         or an array of D weights.
+    min_class_steps : int
+        Steps for which an environment has its damage class at least: episodes that end sooner are followed by
+        others of the same class. With 0, the default, each episode draws its class, and a class in which the
+        robot soon falls has few of the steps; with `max_episode_steps` all classes have about as many.
     reward : str
         Name of a reward in the robot TOML (``"paper"``, ``"gym"``); by default its ``reward.default``.
     observe_damage : bool
@@ -88,6 +92,7 @@ class EnvOptions(TypedDict, total=False):
     """
 
     damage: Damage
+    min_class_steps: int
     reward: str | None
     observe_damage: bool
     seed: Seed
@@ -139,6 +144,7 @@ class VectorEnvOptions(EnvOptions, total=False):
 
 _DEFAULTS: VectorEnvOptions = {
     "damage": "uniform",
+    "min_class_steps": 0,
     "reward": None,
     "observe_damage": True,
     "seed": None,

@@ -116,6 +116,7 @@ def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _
         autoreset=autoreset_mode(options["autoreset"]).name.lower(),
         max_episode_steps=_size(options["max_episode_steps"], "max_episode_steps"),
         class_weights=class_weights(table.space, options["damage"]),
+        min_class_steps=integer(options["min_class_steps"], "min_class_steps", 0, MOST_STEPS),
         onset=step_range(options["onset"], "onset"),
         damage_duration=optional_step_range(options["damage_duration"], "damage_duration"),
         damage_pause=optional_step_range(options["damage_pause"], "damage_pause"),

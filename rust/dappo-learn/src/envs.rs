@@ -81,6 +81,7 @@ pub trait EnvFactory {
             autoreset: Autoreset::SameStep,
             max_episode_steps: self.max_episode_steps(config),
             classes: config.curriculum[0].mix.distribution(self.space())?,
+            min_class_steps: config.damage.min_class_steps,
             course: config.damage.course(),
         })
     }

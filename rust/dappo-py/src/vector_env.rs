@@ -75,8 +75,8 @@ type States<'py> = Bound<'py, PyArray2<f64>>;
 impl PyVectorEnv {
     #[new]
     #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
-                        max_episode_steps=None, class_weights=None, onset=(0, 0), damage_duration=None,
-                        damage_pause=None, code_delay=(0, 0), threads=None,
+                        max_episode_steps=None, class_weights=None, min_class_steps=0,
+                        onset=(0, 0), damage_duration=None, damage_pause=None, code_delay=(0, 0), threads=None,
                         device="cpu", backend="auto", precision="f32", njmax=None, nconmax=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn new(
@@ -88,6 +88,7 @@ impl PyVectorEnv {
         autoreset: &str,
         max_episode_steps: Option<usize>,
         class_weights: Option<PyReadonlyArray1<'_, f64>>,
+        min_class_steps: usize,
         onset: (usize, usize),
         damage_duration: Option<(usize, usize)>,
         damage_pause: Option<(usize, usize)>,
@@ -106,6 +107,7 @@ impl PyVectorEnv {
             autoreset: running::autoreset(autoreset)?,
             max_episode_steps: max_episode_steps.unwrap_or(table.robot.max_episode_steps),
             classes: running::distribution(class_weights, table.space.classes().len())?,
+            min_class_steps,
             course: running::course(onset, damage_duration, damage_pause, code_delay),
         };
         let room = Room { njmax, nconmax };

@@ -102,7 +102,7 @@ def environment(rng: Random, room: Room) -> None:
     """Create and reset envs with odd options."""
     valid: dict[str, Any] = {
         **{"damage": "uniform", "onset": (0, 3), "seed": 1, "reward": "paper", "observe_damage": True},
-        **{"damage_duration": (1, 2), "damage_pause": 1, "code_delay": (0, 2)},
+        **{"damage_duration": (1, 2), "damage_pause": 1, "code_delay": (0, 2), "min_class_steps": 4},
         **{
             "autoreset": "same_step",
             "max_episode_steps": 5,

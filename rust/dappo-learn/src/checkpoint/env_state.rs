@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `worlds` | `[N, row]` f64 | states of the backend |
 //! | `classes` | `[N]` u64 | damage classes |
-//! | `episodes` | `[N, 9]` u64 | state of the episodes, and their random streams |
+//! | `episodes` | `[N, 10]` u64 | state of the episodes, and their random streams |
 //! | `obs` | `[N · O]` f32 | last observations |
 //! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
 //!
@@ -27,10 +27,11 @@ const EARLIER_FILE: &str = "envs.bin";
 /// Far above the state of any number of envs that a computer holds, bytes.
 const LONGEST: u64 = 1 << 34;
 /// Numbers of an episode.
-const EPISODE: usize = 9;
-/// Numbers of an episode in earlier versions, without the delay of the damage code.
-const EARLIER_EPISODE: usize = 8;
-/// Numbers of an episode in the first version, without duration and pause of the damage either.
+const EPISODE: usize = 10;
+/// Numbers of an episode in earlier versions: without the steps of the class before, without the delay of the damage
+/// code, and without duration and pause of the damage either.
+const EARLIER_EPISODES: [usize; 3] = [9, 8, FIRST_EPISODE];
+/// Numbers of an episode in the first version.
 const FIRST_EPISODE: usize = 6;
 /// "DAPPOENV" in little-endian order.
 const MAGIC: u64 = u64::from_le_bytes(*b"DAPPOENV");
@@ -139,14 +140,15 @@ fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
 fn read_episodes(file: &SafeTensors<'_>, envs: usize) -> std::result::Result<Vec<[u64; EPISODE]>, String> {
     let (episodes, shape) = array(file, "episodes", Dtype::U64, u64::from_le_bytes)?;
     match *shape.as_slice() {
-        [rows, numbers] if rows == envs && [EPISODE, EARLIER_EPISODE, FIRST_EPISODE].contains(&numbers) => {
+        [rows, numbers] if rows == envs && (numbers == EPISODE || EARLIER_EPISODES.contains(&numbers)) => {
             Ok(episodes.chunks_exact(numbers).map(completed).collect())
         }
         _ => Err(format!("`episodes` has shape {shape:?}, expected [{envs}, {EPISODE}]")),
     }
 }
 
-/// An episode, perhaps of an earlier version, in which damage stays and its code is not late.
+/// An episode, perhaps of an earlier version, in which damage stays, its code is not late and each episode draws its
+/// class.
 fn completed(numbers: &[u64]) -> [u64; EPISODE] {
     let mut episode = [0; EPISODE];
     episode[..numbers.len()].copy_from_slice(numbers);
@@ -248,7 +250,7 @@ mod tests {
                     rows: vec![0.1, -0.0, f64::NAN, 1e300],
                     classes: vec![0, 32],
                 },
-                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1, 10, 11, 12], [5, 6, 7, 8, 9, 0, 0, 0, 0]],
+                episodes: vec![[u64::MAX, 1, 2, 3, 4, 1, 10, 11, 12, 13], [5, 6, 7, 8, 9, 0, 0, 0, 0, 0]],
                 obs: vec![0.25, f32::INFINITY],
             },
             episodes,
@@ -283,7 +285,7 @@ mod tests {
             [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
         };
         refuse(&folder, FILE, &with("\"worlds\"", "\"wurlds\""), "`worlds`");
-        refuse(&folder, FILE, &with("[2,9]", "[9,2]"), "`episodes` has shape [9, 2], expected [2, 9]");
+        refuse(&folder, FILE, &with("[2,10]", "[10,2]"), "`episodes` has shape [10, 2], expected [2, 10]");
         let mut infinite = bytes.clone();
         let begin = bytes.windows(8).position(|part| part == 1.5_f64.to_le_bytes()).unwrap();
         infinite[begin..begin + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
@@ -303,14 +305,14 @@ mod tests {
     }
 
     #[test]
-    fn episodes_of_earlier_versions_have_damage_that_stays_and_codes_that_are_not_late() {
-        for numbers in [EARLIER_EPISODE, FIRST_EPISODE] {
+    fn episodes_of_earlier_versions_lack_what_these_versions_did_not_have() {
+        for numbers in EARLIER_EPISODES {
             let episodes = bytes(earlier_episodes(&state(), numbers), u64::to_le_bytes);
             let view = TensorView::new(Dtype::U64, vec![2, numbers], &episodes).unwrap();
             let file = safetensors::serialize([("episodes", view)], None).unwrap();
             let file = SafeTensors::deserialize(&file).unwrap();
             assert_eq!(read_episodes(&file, 2).unwrap(), earlier_state(numbers).envs.episodes);
-            assert!(read_episodes(&file, 3).unwrap_err().contains("expected [3, 9]"));
+            assert!(read_episodes(&file, 3).unwrap_err().contains("expected [3, 10]"));
         }
     }
 

@@ -76,7 +76,9 @@ fn built_in(Change { key, to, .. }: &Change) -> Option<&'static str> {
         ("env", "reward") => Some("its value net and its metrics are of this reward"),
         ("env", "observe_damage") => Some("its networks have inputs for these observations"),
         ("damage", name)
-            if !["onset", "duration", "pause", "code_delay"].iter().any(|free| name.starts_with(free)) =>
+            if !["min_class_steps", "onset", "duration", "pause", "code_delay"]
+                .iter()
+                .any(|free| name.starts_with(free)) =>
         {
             Some("its networks and episodes are those of robots with these damages")
         }

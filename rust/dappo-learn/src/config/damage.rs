@@ -20,6 +20,11 @@ fn is_nothing(steps: &StepRange) -> bool {
     *steps == StepRange::default()
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_zero(steps: &usize) -> bool {
+    *steps == 0
+}
+
 /// The section `[damage]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -41,6 +46,9 @@ pub struct DamageSection {
     /// Number of severities that are compiled for a range.
     #[serde(skip_serializing_if = "are_usual")]
     pub severity_levels: usize,
+    /// Env steps for which an env has its damage class at least, in training; with 0 each episode draws its class.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub min_class_steps: usize,
     /// When the damage strikes; (0, 0) is from the start of the episode.
     pub onset: StepRange,
     /// Steps for which it lasts; for good when absent.
@@ -66,6 +74,7 @@ impl Default for DamageSection {
             max_damages_per_limb: None,
             severity: Severity::Same(1.0),
             severity_levels: SEVERITY_LEVELS,
+            min_class_steps: 0,
             onset: StepRange::default(),
             duration: None,
             pause: None,
@@ -98,6 +107,8 @@ impl DamageSection {
         let levels = self.severity_levels;
         let expected = "a whole number from 2 to 1000";
         faults.rule("damage.severity_levels", levels.to_string(), expected, (2..=1000).contains(&levels));
+        let (steps, expected) = (self.min_class_steps, format!("a whole number up to {MOST_STEPS}"));
+        faults.rule("damage.min_class_steps", steps.to_string(), &expected, steps <= MOST_STEPS);
         let ranges = [
             ("damage.onset", Some(self.onset), 0),
             ("damage.duration", self.duration, 1),

@@ -55,7 +55,7 @@ fn replaced(source: &[u8], (start, length, bytes): (usize, usize, Vec<u8>)) -> V
 fn env_states() -> impl Strategy<Value = EnvState> {
     (1_usize..4, 0_usize..4, 0_usize..5).prop_flat_map(|(envs, row, width)| {
         let numbers = (vec(any::<f64>(), envs * row), vec(any::<f32>(), envs * width));
-        (numbers, vec(0_usize..99, envs), vec(any::<[u64; 9]>(), envs)).prop_map(
+        (numbers, vec(0_usize..99, envs), vec(any::<[u64; 10]>(), envs)).prop_map(
             move |((rows, obs), classes, episodes)| EnvState {
                 envs: VectorEnvSnapshot { backend: BackendSnapshot { row, rows, classes }, episodes, obs },
                 episodes: EpisodeTracker::new(envs),

@@ -43,6 +43,7 @@ impl WarpEngine {
     ) -> std::result::Result<Self, SimError> {
         let onset = envs.course.onset;
         let refused = [
+            (envs.min_class_steps > 1, "episodes that keep the damage class (damage.min_class_steps)"),
             (envs.course.duration.is_some(), "damage that ends (damage.duration)"),
             (envs.course.code_delay.last > 0, "damage codes that are late (damage.code_delay)"),
         ];
@@ -183,7 +184,7 @@ impl RolloutEngine for WarpEngine {
             },
             episodes: episodes
                 .chunks_exact(EPISODE)
-                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0, 0])
+                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0, 0, 0])
                 .collect(),
             obs,
         })

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::curriculum::ClassDistribution;
+use super::VectorEnvConfig;
 use crate::error::SimError;
 use crate::rng::{Purpose, Stream};
 
@@ -80,6 +80,8 @@ pub(super) struct Episode {
     pub step: usize,
     /// Damage class of the episode, active from `onset` on.
     pub class: usize,
+    /// Steps of the episodes before this one, back to that which drew the class.
+    pub class_steps: usize,
     /// Step at which the damage strikes.
     pub onset: usize,
     /// Steps for which it lasts; 0: for good.
@@ -99,6 +101,7 @@ impl Episode {
             number: u64::MAX,
             step: 0,
             class: 0,
+            class_steps: 0,
             onset: 0,
             duration: 0,
             pause: 0,
@@ -108,9 +111,17 @@ impl Episode {
     }
 
     /// Starts the next episode.
-    pub fn next(&mut self, classes: &ClassDistribution, course: DamageCourse, fixed: EpisodeStart) {
+    pub fn next(&mut self, config: &VectorEnvConfig, fixed: EpisodeStart) {
+        let course = config.course;
         let number = self.number.wrapping_add(1);
-        let draw = || classes.at(Stream::new(self.key, number, Purpose::DamageClass).uniform());
+        let class_steps = self.class_steps.saturating_add(self.step);
+        let keeps = (1..config.min_class_steps).contains(&class_steps);
+        let drawn = || config.classes.at(Stream::new(self.key, number, Purpose::DamageClass).uniform());
+        let (class, class_steps) = match fixed.class {
+            Some(class) => (class, 0),
+            None if keeps => (self.class, class_steps),
+            None => (drawn(), 0),
+        };
         let onset = || course.onset.draw(&mut Stream::new(self.key, number, Purpose::Onset));
         let mut stream = Stream::new(self.key, number, Purpose::DamageDuration);
         let mut draw_steps = |steps: Option<StepRange>| steps.map_or(0, |steps| steps.draw(&mut stream));
@@ -119,7 +130,8 @@ impl Episode {
             key: self.key,
             number,
             step: 0,
-            class: fixed.class.unwrap_or_else(draw),
+            class,
+            class_steps,
             onset: fixed.onset.unwrap_or_else(onset),
             duration: fixed.duration.unwrap_or(duration),
             pause: fixed.pause.unwrap_or(pause),

@@ -29,6 +29,9 @@ pub struct VectorEnvConfig {
     pub max_episode_steps: usize,
     /// Probabilities of the damage classes.
     pub classes: ClassDistribution,
+    /// Steps for which an env has its class at least: episodes that end sooner are followed by others of the same class;
+    /// with 0 or 1 each episode draws its class.
+    pub min_class_steps: usize,
     /// When the damage is active.
     pub course: DamageCourse,
 }
@@ -293,7 +296,7 @@ impl VectorEnv {
     /// Opens the next episode of an env and returns the reset that the backend has to do.
     fn begin_episode(&mut self, env: usize, fixed: EpisodeStart) -> Reset {
         let episode = &mut self.episodes[env];
-        episode.next(&self.config.classes, self.config.course, fixed);
+        episode.next(&self.config, fixed);
         let (class, class_of_code) = (episode.class_in_force(), episode.class_of_code());
         let (key, number) = (episode.key, episode.number);
         self.buffers.damage_onset[env] = episode.onset as i64;

@@ -10,9 +10,9 @@ use crate::error::{SimError, expect_len};
 pub struct VectorEnvSnapshot {
     /// Physics.
     pub backend: BackendSnapshot,
-    /// Key, number, step, class, onset, "ended", duration and pause of the damage and delay of its code of every
-    /// episode, `[N, 9]`.
-    pub episodes: Vec<[u64; 9]>,
+    /// Key, number, step, class, onset, "ended", duration and pause of the damage, delay of its code and steps of the
+    /// class before, of every episode, `[N, 10]`.
+    pub episodes: Vec<[u64; 10]>,
     /// Current observations, `[N, obs_dim]`.
     pub obs: Vec<f32>,
 }
@@ -25,7 +25,8 @@ impl VectorEnv {
             let (step, class, onset, ended) =
                 (whole(e.step), whole(e.class), whole(e.onset), u64::from(e.ended));
             let (duration, pause, code_delay) = (whole(e.duration), whole(e.pause), whole(e.code_delay));
-            [e.key, e.number, step, class, onset, ended, duration, pause, code_delay]
+            let class_steps = whole(e.class_steps);
+            [e.key, e.number, step, class, onset, ended, duration, pause, code_delay, class_steps]
         };
         Ok(VectorEnvSnapshot {
             backend: self.backend.snapshot()?,
@@ -54,7 +55,7 @@ impl VectorEnv {
         }
         self.backend.restore(&snapshot.backend)?;
         self.buffers.obs.copy_from_slice(&snapshot.obs);
-        for (env, &[key, number, step, class, onset, ended, duration, pause, code_delay]) in
+        for (env, &[key, number, step, class, onset, ended, duration, pause, code_delay, class_steps]) in
             snapshot.episodes.iter().enumerate()
         {
             let episode = Episode {
@@ -62,6 +63,7 @@ impl VectorEnv {
                 number,
                 step: step as usize,
                 class: class as usize,
+                class_steps: class_steps as usize,
                 onset: onset as usize,
                 duration: duration as usize,
                 pause: pause as usize,

@@ -21,6 +21,7 @@ fn config(envs: usize, autoreset: Autoreset) -> VectorEnvConfig {
         autoreset,
         max_episode_steps: 3,
         classes: ClassDistribution::uniform(33),
+        min_class_steps: 0,
         course: DamageCourse::default(),
     }
 }
@@ -199,6 +200,46 @@ fn shares(env: &VectorEnv) -> [f64; 3] {
         counts[space.classes()[class as usize].damages.len()] += 1.0 / env.num_envs() as f64;
     }
     counts
+}
+
+/// The share of the env steps that classes with odd ids have, whose robots fall in every step.
+fn share_of_odd_classes(min_class_steps: usize) -> f64 {
+    let mut env = started(VectorEnvConfig { min_class_steps, ..config(2000, Autoreset::SameStep) });
+    let mut odd = 0;
+    for _ in 0..30 {
+        let falls: Vec<bool> = env.buffers().damage_class.iter().map(|class| class % 2 == 1).collect();
+        odd += falls.iter().filter(|fall| **fall).count();
+        env.step(&falls.iter().flat_map(|&fall| [1.0, f32::from(u8::from(fall))]).collect::<Vec<_>>())
+            .unwrap();
+    }
+    odd as f64 / (30.0 * 2000.0)
+}
+
+#[test]
+fn a_class_is_kept_for_its_least_steps() {
+    for (min_class_steps, of_odd) in [(0, 1.0), (1, 1.0), (2, 2.0), (3, 3.0)] {
+        let share = share_of_odd_classes(min_class_steps);
+        // 16 of 33 classes are odd. Episodes of the others have three steps.
+        let expected = 16.0 * of_odd / (16.0 * of_odd + 17.0 * 3.0);
+        // Four standard deviations of 20 000 draws, and the few episodes that have not ended.
+        assert!((share - expected).abs() < 0.02, "{min_class_steps}: {share}, expected {expected}");
+    }
+}
+
+#[test]
+fn a_class_that_a_reset_chose_is_kept_like_a_drawn_one() {
+    let settings = VectorEnvConfig { min_class_steps: 3, ..config(400, Autoreset::SameStep) };
+    let mut env = started(settings);
+    env.reset(ResetOptions { classes: Some(&[Some(7); 400]), ..ResetOptions::default() }).unwrap();
+    let fall = [1.0, 1.0].repeat(400);
+    for _ in 0..2 {
+        env.step(&fall).unwrap();
+        assert!(env.buffers().damage_class.iter().all(|&class| class == 7));
+    }
+    env.step(&fall).unwrap();
+    // Binomial(400, 1/33): mean 12, standard deviation 3.4.
+    let kept = env.buffers().damage_class.iter().filter(|&&class| class == 7).count();
+    assert!(kept < 40, "{kept} of 400 still have the class");
 }
 
 #[test]
