@@ -26,7 +26,7 @@ class Snapshot(NamedTuple):
 
     rows: NDArray[np.float32]  # [N, row], see `Worlds.read_state`
     classes: NDArray[np.int32]  # [N], active damage classes
-    episodes: NDArray[np.uint64]  # [N, 5]: key, number, step, drawn class, onset
+    episodes: NDArray[np.uint64]  # [N, 6]: key, number, step, drawn class, onset, class steps
     obs: NDArray[np.float32]  # [N, O]
 
 
@@ -47,6 +47,8 @@ class Engine:
         Cumulative probabilities of the damage classes.
     onset : tuple of int
         First and last step of the onset.
+    min_class_steps : int
+        As for `EpisodeDraws`.
     observe_damage : bool
         Whether the damage code is appended to the observation.
     max_episode_steps : int
@@ -66,6 +68,7 @@ class Engine:
         hidden: Sequence[int],
         cumulative: NDArray[np.float64],
         onset: tuple[int, int],
+        min_class_steps: int,
         observe_damage: bool,
         max_episode_steps: int,
         nconmax: int | None = None,
@@ -87,6 +90,7 @@ class Engine:
             rollout = Rollout(horizon, worlds.num_worlds, worlds.obs_dim, worlds.action_dim)
             self._collector = CapturedStep(worlds, self._policy, rollout, keys)
             worlds.draws.onset_range.assign(np.array(onset, dtype=np.int32))
+            worlds.draws.min_class_steps.assign(np.array([min_class_steps], dtype=np.int32))
             self.set_class_distribution(cumulative)
             worlds.reset()
 
@@ -175,5 +179,5 @@ class Engine:
             worlds.obs.assign(obs)
 
     def _episode_fields(self) -> tuple[wp.array, ...]:
-        episodes = self._worlds.episodes
-        return episodes.key, episodes.number, episodes.step, episodes.drawn_class, episodes.onset
+        of = self._worlds.episodes
+        return of.key, of.number, of.step, of.drawn_class, of.onset, of.class_steps

@@ -93,6 +93,8 @@ class Episodes:
         Number of completed steps.
     drawn_class : wp.array of shape [N]
         Damage class of the episode, active from the onset on.
+    class_steps : wp.array of shape [N]
+        Steps of the episodes before this one, back to that which drew the class.
     onset : wp.array of shape [N]
         Step at which the damage strikes.
     damage_class : wp.array of shape [N]
@@ -103,13 +105,14 @@ class Episodes:
     number: wp.array[wp.uint64]
     step: wp.array[wp.int32]
     drawn_class: wp.array[wp.int32]
+    class_steps: wp.array[wp.int32]
     onset: wp.array[wp.int32]
     damage_class: wp.array[wp.int32]
 
     @classmethod
     def unstarted(cls, keys: NDArray[np.uint64]) -> Episodes:
         """Return the episodes of worlds before their first reset."""
-        integers = [wp.zeros(len(keys), dtype=wp.int32) for _ in range(4)]
+        integers = [wp.zeros(len(keys), dtype=wp.int32) for _ in range(5)]
         number = wp.full(len(keys), wp.uint64(NOT_STARTED), dtype=wp.uint64)
         return cls(wp.array(keys, dtype=wp.uint64), number, *integers)
 

@@ -58,13 +58,18 @@ def begin_episode(
     key_in: wp.array[wp.uint64],
     cumulative_in: wp.array[wp.float64],
     onset_range_in: wp.array[wp.int32],
+    min_class_steps_in: wp.array[wp.int32],
     fixed_class_in: wp.array[wp.int32],
     fixed_onset_in: wp.array[wp.int32],
     number_in: wp.array[wp.uint64],
+    step_in: wp.array[wp.int32],
+    drawn_class_in: wp.array[wp.int32],
+    class_steps_in: wp.array[wp.int32],
     # Out:
     number_out: wp.array[wp.uint64],
     step_out: wp.array[wp.int32],
     drawn_class_out: wp.array[wp.int32],
+    class_steps_out: wp.array[wp.int32],
     onset_out: wp.array[wp.int32],
     class_out: wp.array[wp.int32],
 ) -> None:
@@ -74,6 +79,11 @@ def begin_episode(
     key = key_in[worldid]
     number = number_in[worldid] + wp.uint64(1)
     drawn = fixed_class_in[worldid]
+    class_steps = class_steps_in[worldid] + step_in[worldid]
+    if drawn < 0 and class_steps > 0 and class_steps < min_class_steps_in[0]:
+        drawn = drawn_class_in[worldid]
+    else:
+        class_steps = 0
     if drawn < 0:
         drawn = class_at(cumulative_in, philox.uniform(key, number, philox.DAMAGE_CLASS, 0))
     onset = fixed_onset_in[worldid]
@@ -83,6 +93,7 @@ def begin_episode(
     number_out[worldid] = number
     step_out[worldid] = 0
     drawn_class_out[worldid] = drawn
+    class_steps_out[worldid] = class_steps
     onset_out[worldid] = onset
     class_out[worldid] = wp.where(onset == 0, drawn, 0)
 
@@ -184,11 +195,15 @@ class EpisodeDraws:
         Sums of the classes' probabilities; at first uniform. Assign to it to change the distribution.
     onset_range : wp.array of shape [2]
         First and last step of the onset; (0, 0): damage from the start.
+    min_class_steps : wp.array of shape [1]
+        Steps for which a world has its class at least: episodes that end sooner are followed by others of the
+        same class; with 0 each episode draws its class.
     """
 
     def __init__(self, num_worlds: int, num_classes: int) -> None:
         self.cumulative = wp.array(np.arange(1, num_classes + 1) / num_classes, dtype=wp.float64)
         self.onset_range = wp.zeros(2, dtype=wp.int32)
+        self.min_class_steps = wp.zeros(1, dtype=wp.int32)
         self._free = wp.full(num_worlds, DRAW, dtype=wp.int32)
 
     def begin(
@@ -217,14 +232,19 @@ class EpisodeDraws:
                 episodes.key,
                 self.cumulative,
                 self.onset_range,
+                self.min_class_steps,
                 self._free if classes is None else classes,
                 self._free if onsets is None else onsets,
                 episodes.number,
+                episodes.step,
+                episodes.drawn_class,
+                episodes.class_steps,
             ],
             outputs=[
                 episodes.number,
                 episodes.step,
                 episodes.drawn_class,
+                episodes.class_steps,
                 episodes.onset,
                 episodes.damage_class,
             ],

@@ -38,6 +38,7 @@ def new_engine(task: Task) -> Engine:
         hidden=HIDDEN,
         cumulative=np.arange(1, 34) / 33,
         onset=(0, 2),
+        min_class_steps=9,
         observe_damage=True,
         max_episode_steps=LIMIT,
         device=str(wp.get_device()),

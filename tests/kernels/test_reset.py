@@ -29,7 +29,8 @@ def worlds_in_mid_episode(rng: np.random.Generator) -> tuple[Episodes, dict[str,
     numbers = rng.integers(0, 2**40, COUNT, dtype=np.uint64)
     numbers[:2] = 2**64 - 1  # before the first
     episodes.number.assign(numbers)
-    for array in (episodes.step, episodes.drawn_class, episodes.onset, episodes.damage_class):
+    running = (episodes.step, episodes.drawn_class, episodes.class_steps)
+    for array in (*running, episodes.onset, episodes.damage_class):
         array.assign(rng.integers(100, 200, COUNT).astype(np.int32))
     return episodes, {name: array.numpy().copy() for name, array in vars(episodes).items()}
 
@@ -43,14 +44,18 @@ def cumulative(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(sums)
 
 
+@pytest.mark.parametrize("min_class_steps", [0, 300])
 @pytest.mark.parametrize("onset_range", [(0, 0), (20, 150), (0, 1), (3, 3)])
-def test_damage_classes_and_onsets_are_those_of_the_worlds_streams(onset_range: tuple[int, int]) -> None:
+def test_damage_classes_and_onsets_are_those_of_the_worlds_streams(
+    onset_range: tuple[int, int], min_class_steps: int
+) -> None:
     rng = np.random.default_rng(0)
     episodes, before = worlds_in_mid_episode(rng)
     weights = rng.random(33) * (rng.random(33) < 0.5)
     draws = EpisodeDraws(COUNT, 33)
     draws.cumulative.assign(cumulative(weights))
     draws.onset_range.assign(np.array(onset_range, dtype=np.int32))
+    draws.min_class_steps.assign(np.array([min_class_steps], dtype=np.int32))
     mask = rng.random(COUNT) < 0.7
     mask[:2] = True
     draws.begin(episodes, wp.array(mask))
@@ -60,13 +65,18 @@ def test_damage_classes_and_onsets_are_those_of_the_worlds_streams(onset_range: 
         key, number = int(before["key"][world]), (int(before["number"][world]) + 1) % 2**64
         u = Stream(key, number, DAMAGE_CLASS).uniform()
         drawn = int(np.searchsorted(cumulative(weights), u, side="right"))
+        class_steps = before["step"][world] + before["class_steps"][world]
+        kept = class_steps < min_class_steps
+        expected["class_steps"][world] = class_steps if kept else 0
+        if kept:
+            drawn = before["drawn_class"][world]
         onset = onset_range[0] + Stream(key, number, ONSET).below(onset_range[1] - onset_range[0] + 1)
         expected["number"][world] = number
         expected["step"][world] = 0
         expected["drawn_class"][world] = drawn
         expected["onset"][world] = onset
         expected["damage_class"][world] = drawn if onset == 0 else 0
-        assert weights[drawn] > 0.0
+        assert kept or weights[drawn] > 0.0
     for name, array in vars(episodes).items():
         np.testing.assert_array_equal(array.numpy(), expected[name], err_msg=name)
 

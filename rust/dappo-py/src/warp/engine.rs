@@ -16,8 +16,9 @@ use pyo3::types::PyDict;
 use super::arrays::{copy, numbers, rows, vector};
 use super::{Handle, Room, devices, undisturbed};
 
-/// Entries of an episode on the device: key, number, step, class and onset. Episodes there never wait for a reset.
-const EPISODE: usize = 5;
+/// Entries of an episode on the device: key, number, step, class, onset and steps of the class before. Episodes there
+/// never wait for a reset.
+const EPISODE: usize = 6;
 
 /// An `Engine` of `kernels/engine.py`.
 pub struct WarpEngine {
@@ -43,7 +44,6 @@ impl WarpEngine {
     ) -> std::result::Result<Self, SimError> {
         let onset = envs.course.onset;
         let refused = [
-            (envs.min_class_steps > 1, "episodes that keep the damage class (damage.min_class_steps)"),
             (envs.course.duration.is_some(), "damage that ends (damage.duration)"),
             (envs.course.code_delay.last > 0, "damage codes that are late (damage.code_delay)"),
         ];
@@ -60,6 +60,7 @@ impl WarpEngine {
             options.set_item("hidden", &config.ppo.hidden)?;
             options.set_item("cumulative", numbers(py, envs.classes.cumulative()))?;
             options.set_item("onset", (onset.first, onset.last))?;
+            options.set_item("min_class_steps", envs.min_class_steps)?;
             options.set_item("observe_damage", envs.observe_damage)?;
             options.set_item("max_episode_steps", envs.max_episode_steps)?;
             options.set_item("njmax", room.njmax)?;
@@ -184,7 +185,7 @@ impl RolloutEngine for WarpEngine {
             },
             episodes: episodes
                 .chunks_exact(EPISODE)
-                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0, 0, 0])
+                .map(|e| [e[0], e[1], e[2], e[3], e[4], 0, 0, 0, 0, e[5]])
                 .collect(),
             obs,
         })
@@ -196,7 +197,7 @@ impl RolloutEngine for WarpEngine {
         let state: Vec<f32> = snapshot.backend.rows.iter().map(|number| *number as f32).collect();
         let classes: Vec<i32> = snapshot.backend.classes.iter().map(|class| *class as i32).collect();
         let episodes: Vec<u64> =
-            snapshot.episodes.iter().flat_map(|episode| &episode[..EPISODE]).copied().collect();
+            snapshot.episodes.iter().flat_map(|e| [e[0], e[1], e[2], e[3], e[4], e[9]]).collect();
         undisturbed(|py| {
             let arguments = (
                 rows(py, &state, envs)?,
