@@ -1,14 +1,13 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
-use dappo_learn::Sizes;
-use dappo_learn::Symmetry as Choice;
 use dappo_learn::config::Config;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
+use dappo_learn::{Sizes, Symmetry};
 use dappo_sim::backend::lanes::LaneTable;
 use dappo_sim::simd;
-use dappo_sim::task::{Reflections, Symmetry, Task};
+use dappo_sim::task::{MirroredParts, Reflections, Task};
 use dappo_sim::threads::available;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, VectorEnv};
 use pyo3::IntoPyObjectExt;
@@ -99,13 +98,13 @@ impl TableFactory {
     /// is on and they are not.
     pub fn settle_symmetry(&mut self, config: &mut Config) -> Result<(), SimError> {
         config.ppo.symmetry = match (config.ppo.symmetry, self.reflections(config)) {
-            (Choice::Off, _) => Choice::Off,
-            (Choice::On | Choice::Auto, Ok(_)) => Choice::On,
-            (Choice::Auto, Err(error)) => {
+            (Symmetry::Off, _) => Symmetry::Off,
+            (Symmetry::On | Symmetry::Auto, Ok(_)) => Symmetry::On,
+            (Symmetry::Auto, Err(error)) => {
                 self.asymmetry = Some(error.to_string());
-                Choice::Off
+                Symmetry::Off
             }
-            (Choice::On, Err(error)) => {
+            (Symmetry::On, Err(error)) => {
                 return Err(SimError::Config(format!(
                     "`ppo.symmetry` cannot be true: {error}; `--set ppo.symmetry=false` trains ordinary networks"
                 )));
@@ -126,7 +125,7 @@ impl TableFactory {
     }
 
     /// Refuses stages with a damage on one side alone, which a policy must tell from that on the other side.
-    fn check_mixes(&self, config: &Config, symmetry: &Symmetry) -> Result<(), SimError> {
+    fn check_mixes(&self, config: &Config, symmetry: &MirroredParts) -> Result<(), SimError> {
         for (index, stage) in config.curriculum.iter().enumerate() {
             let Some(class) = stage.mix.only_class(&self.space)? else { continue };
             let class = &self.space.classes()[class];
@@ -222,7 +221,7 @@ impl EnvFactory for TableFactory {
     }
 
     fn mirror(&self, config: &Config) -> Result<Option<Reflections>, SimError> {
-        (config.ppo.symmetry == Choice::On).then(|| self.reflections(config)).transpose()
+        (config.ppo.symmetry == Symmetry::On).then(|| self.reflections(config)).transpose()
     }
 
     fn integrator(&self) -> &str {

@@ -145,7 +145,7 @@ impl DamageSpace {
     }
 
     /// The class with the same damages of other limbs: `images` has the limb that takes the place of each one, as in
-    /// [`Symmetry::limbs`](crate::task::Symmetry::limbs).
+    /// [`MirroredParts::limbs`](crate::task::MirroredParts::limbs).
     #[must_use]
     pub fn mirror_image(&self, class: &DamageClass, images: &[usize]) -> Option<&DamageClass> {
         let image = |damage: &Damage| Some(Damage { limb: *images.get(damage.limb)?, ..*damage });

@@ -46,7 +46,7 @@ pub use faults::{EncoderFault, FaultCourse, ImuFault, ImuOffset, SensorFaultKind
 pub use observation::{ObservationTerm, Quantity};
 pub use reward::{Measure, RewardTerm};
 pub use signals::Signals;
-pub use symmetry::{Image, Reflection, Reflections, Symmetry};
+pub use symmetry::{Image, MirroredParts, Reflection, Reflections};
 pub use termination::{ContactLimit, PythonFailures, Terminations, TiltLimit};
 pub use variants::{BodyEvent, BodyEvents, Jam, Variants};
 

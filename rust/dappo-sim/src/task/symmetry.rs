@@ -24,7 +24,7 @@ pub struct Image {
 
 /// Which parts of a robot are mirror images of each other.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Symmetry {
+pub struct MirroredParts {
     /// Of each limb, the limb whose mirror image it is.
     pub limbs: Vec<usize>,
     /// Of each body, the world included, the body whose mirror image it is.
@@ -144,7 +144,7 @@ impl Task {
     /// If something that is observed, done or rewarded has no mirror image.
     pub fn reflections(
         &self,
-        symmetry: &Symmetry,
+        symmetry: &MirroredParts,
         codes: Option<&DamageSpace>,
     ) -> Result<Reflections, SimError> {
         let refuse = |why: String| SimError::Config(format!("the task has no mirror image: {why}"));
@@ -167,7 +167,7 @@ impl Task {
     }
 
     /// Refuses actions, commands and rewards that differ between left and right.
-    fn check_symmetry(&self, symmetry: &Symmetry) -> Result<(), String> {
+    fn check_symmetry(&self, symmetry: &MirroredParts) -> Result<(), String> {
         let actuators = &self.layout.anatomy.actuators;
         for ((action, image), actuator) in self.actions.iter().zip(&symmetry.actuators).zip(actuators) {
             let other = &self.actions[image.of];
@@ -212,7 +212,7 @@ const ANGLE_TOLERANCE: f64 = 1e-3;
 
 /// What entries of an observation refer to.
 struct Parts<'a> {
-    symmetry: &'a Symmetry,
+    symmetry: &'a MirroredParts,
     layout: &'a Layout,
     /// Names of what the events draw.
     events: &'a [String],
@@ -221,7 +221,7 @@ struct Parts<'a> {
 impl Parts<'_> {
     /// The reflection of the entries of a quantity.
     fn reflection(&self, quantity: &Quantity) -> Result<Reflection, String> {
-        let Symmetry { limbs, bodies, joints, actuators } = self.symmetry;
+        let MirroredParts { limbs, bodies, joints, actuators } = self.symmetry;
         let (signs, limbs) = (Reflection::of_signs, |signs: &[f32]| Reflection::of_blocks(limbs, signs));
         let joints = || Reflection::new(joints.clone());
         Ok(match quantity {
