@@ -204,6 +204,20 @@ def test_the_built_in_configurations_have_the_documented_values(
     assert unaware == {**own, "env": {**own["env"], "observe_damage": False}}
 
 
+@pytest.mark.parametrize("robot", ["go1", "go2"])
+def test_what_the_code_makes_possible_is_off_without_it(
+    robot: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def damage(*arguments: str) -> dict[str, object]:
+        section = config(capfd, "--robot", robot, *arguments)["damage"]
+        assert isinstance(section, dict)
+        return section
+
+    assert damage()["min_class_steps"] == 1000
+    assert "min_class_steps" not in damage("--unaware")
+    assert damage("--unaware", "--set", "damage.min_class_steps=7")["min_class_steps"] == 7
+
+
 def test_the_hexapod_learns_in_the_four_stages_of_the_paper(capfd: pytest.CaptureFixture[str]) -> None:
     stages = config(capfd, "--robot", "hexapod")["curriculum"]
     assert isinstance(stages, list)

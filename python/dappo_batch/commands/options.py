@@ -67,7 +67,7 @@ class TrainingOptions(Simulation, total=False):
     learner : str
         ``cpu`` or ``wgpu``: where the networks are computed.
     unaware : bool
-        Hide the damage code from the policy (PPO-Unaware).
+        Hide the damage code from the policy (PPO-Unaware); sets ``damage.min_class_steps`` to 0.
     healthy : bool
         Train only on the healthy robot (the expert).
     reward, physics : str

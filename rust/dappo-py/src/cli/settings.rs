@@ -53,6 +53,8 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
     layers.assign(&arguments.room.flags())?;
     if arguments.unaware {
         layers.set("env.observe_damage", false)?;
+        // Without the code it does harm: the gaits of all damages are one (docs/results/go1.md).
+        layers.set("damage.min_class_steps", 0)?;
     }
     if arguments.healthy {
         layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
