@@ -48,7 +48,7 @@ pub struct ControllerConfig {
     /// Steps after a start or a diagnosis in which nothing is suspected. Each diagnosis window that does not
     /// remove the suspicion doubles the time to the next one.
     pub cooldown: usize,
-    /// Least probability of a diagnosis that is accepted; by default 0.5, or 0.9 with the trigger `observation`, which
+    /// Least probability of a diagnosis that is accepted; by default 0.5, or 0.99 with the trigger `observation`, which
     /// has many diagnoses to choose from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub confidence: Option<f64>,
@@ -73,8 +73,8 @@ impl Default for ControllerConfig {
             cooldown: 50,
             confidence: None,
             probation: 10,
-            diagnose_every: 2,
-            agreement: 6,
+            diagnose_every: 1,
+            agreement: 4,
         }
     }
 }
@@ -96,7 +96,7 @@ impl ControllerConfig {
     /// theirs.
     pub fn resolved(self, diagnoser: &Description) -> Result<Self> {
         let trigger = self.trigger_with(diagnoser)?;
-        let confidence = self.confidence.unwrap_or(if trigger == Trigger::Observation { 0.9 } else { 0.5 });
+        let confidence = self.confidence.unwrap_or(if trigger == Trigger::Observation { 0.99 } else { 0.5 });
         Ok(Self { trigger: Some(trigger), confidence: Some(confidence), ..self })
     }
 
