@@ -107,7 +107,7 @@ arguments! {
         /// Worker threads [default: all cores]
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
         pub threads: Option<Threads> => "env.threads",
-        /// Hide the damage code from the policy (PPO-Unaware); sets damage.min_class_steps to 0
+        /// Hide the damage code from the policy (PPO-Unaware), each episode of which draws its damage class
         #[arg(long)]
         pub unaware: bool,
         /// Train on the healthy robot alone (the expert)
