@@ -167,13 +167,13 @@ mod tests {
     }
 
     #[test]
-    fn an_observed_robot_needs_surer_diagnoses_unless_told_otherwise() {
+    fn an_observed_robot_needs_surer_diagnoses_unless_set_otherwise() {
         let confidence = |twin, confidence| {
             let config = ControllerConfig { confidence, ..ControllerConfig::default() };
             config.resolved(&diagnoser(Method::A, twin)).unwrap()
         };
         let observed = confidence(None, None);
-        assert!(observed.accepts(0.91) && !observed.accepts(0.89));
+        assert!(observed.accepts(0.991) && !observed.accepts(0.989));
         let compared = confidence(Some(Twin::default()), None);
         assert!(compared.accepts(0.5) && !compared.accepts(0.49));
         assert_eq!(confidence(None, Some(0.25)).confidence, Some(0.25));
