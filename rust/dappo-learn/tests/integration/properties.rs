@@ -108,7 +108,8 @@ proptest! {
         std::fs::write(&path, &changed).unwrap();
         if let Ok(other) = EnvState::load(folder.as_path()) {
             let backend = &other.envs.backend;
-            let numbers = backend.rows.len() + 13 * backend.classes.len();
+            // Of each env its class, the ten numbers of its episode and three sums.
+            let numbers = backend.rows.len() + 14 * backend.classes.len();
             // The description of the arrays is behind its length.
             let begin = 8 + u64::from_le_bytes(*changed.first_chunk().unwrap()) as usize;
             prop_assert_eq!(begin + 8 * numbers + 4 * other.envs.obs.len(), changed.len());
