@@ -35,7 +35,7 @@ pub fn collect_rollout<'py>(
     let (steps, envs) = (rollout.horizon, rollout.num_envs);
     let arrays = PyDict::new(py);
     let episodes: Vec<u64> = start.episodes.iter().flatten().copied().collect();
-    put(&arrays, "start_episodes", episodes, &[envs, 9])?;
+    put(&arrays, "start_episodes", episodes, &[envs, 10])?;
     put(&arrays, "obs", rollout.obs, &[steps, envs, rollout.obs_dim])?;
     put(&arrays, "actions", rollout.actions, &[steps, envs, rollout.action_dim])?;
     put(&arrays, "means", rollout.means, &[steps, envs, rollout.action_dim])?;
