@@ -12,15 +12,13 @@ use crate::constants::row;
 use crate::device::{Device, THREADS, check};
 use crate::error::Error;
 use crate::group::{Group, Robot, World};
-use crate::kernel::{advance, copy_rows};
+use crate::kernel::{advance, copy_rows, evaluate};
 use crate::skeleton::Skeleton;
 
 /// The most cubes of a launch: what every device can count to in one dimension.
 const MAX_CUBES: usize = 65_535;
 /// The most worlds of a group: one bit each in a mask.
 const MAX_WIDTH: usize = u32::BITS as usize;
-/// Stages of Runge–Kutta.
-const STAGES: u32 = 4;
 
 /// The damage classes of one robot on a device, ready to be simulated.
 pub struct Engine {
@@ -42,7 +40,7 @@ struct Table {
 }
 
 /// A number type of kernels that the host knows too.
-trait Number: Float + CubeElement {
+pub(crate) trait Number: Float + CubeElement + Default {
     fn of(value: f64) -> Self;
     fn to(self) -> f64;
 }
@@ -134,13 +132,7 @@ impl Engine {
     }
 
     fn run(&self, groups: &mut [(&mut Group, u32)], run: Run) -> Result<(), Error> {
-        if self.process != std::process::id() {
-            return Err(Error::Device(
-                "the device was opened before this process was forked, and a GPU cannot be used on both sides of a \
-                 fork; start processes with the method `spawn` or `forkserver`"
-                    .into(),
-            ));
-        }
+        check_process(self.process)?;
         let mut worlds: Vec<&mut World> = groups
             .iter_mut()
             .flat_map(|(group, mask)| {
@@ -224,11 +216,6 @@ impl Engine {
     fn launch<F: Number>(&self, worlds: &[&mut World], run: Run) -> Result<(Bytes, Bytes), Error> {
         let (client, shape) = (&self.client, self.robot.skeleton.shape);
         let count = worlds.len();
-        // An evaluation is one substep of one stage, whose end is not taken over.
-        let (substeps, stages) = match run {
-            Run::Forward => (1, 1),
-            Run::Step(substeps) => (substeps, STAGES),
-        };
         let models: Vec<u32> = worlds.iter().map(|world| world.model as u32).collect();
         let gathered = |part: fn(&World) -> &[f64]| -> Vec<F> {
             worlds.iter().flat_map(|world| part(world)).map(|&number| F::of(number)).collect()
@@ -237,22 +224,28 @@ impl Engine {
         let ctrl = client.create_from_slice(F::as_bytes(&gathered(|world| &world.ctrl)));
         let readings = client.empty(count * shape.readings() * size_of::<F>());
         let table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the lengths are those of the buffers, models are rows of the table, and the kernel's loops end.
+        let threads = count * shape.lanes;
+        let cubes = CubeCount::Static(threads.div_ceil(THREADS) as u32, 1, 1);
+        let cube = CubeDim::new_1d(THREADS as u32);
+        // SAFETY: the lengths are those of the buffers, models are rows of the table, and the kernels' loops end.
         unsafe {
-            advance::launch_unchecked::<F>(
-                client,
-                CubeCount::Static((count * shape.lanes).div_ceil(THREADS) as u32, 1, 1),
-                CubeDim::new_1d(THREADS as u32),
-                BufferArg::from_raw_parts(table.handle.clone(), table.rows * shape.row()),
-                BufferArg::from_raw_parts(client.create_from_slice(u32::as_bytes(&models)), count),
-                BufferArg::from_raw_parts(ctrl, count * shape.dofs()),
-                BufferArg::from_raw_parts(state.clone(), count * shape.state()),
-                BufferArg::from_raw_parts(readings.clone(), count * shape.readings()),
-                count,
-                substeps,
-                stages,
-                shape,
-            );
+            let numbers = BufferArg::from_raw_parts(table.handle.clone(), table.rows * shape.row());
+            let models = BufferArg::from_raw_parts(client.create_from_slice(u32::as_bytes(&models)), count);
+            let ctrl = BufferArg::from_raw_parts(ctrl, count * shape.dofs());
+            let state = BufferArg::from_raw_parts(state.clone(), count * shape.state());
+            let readings = BufferArg::from_raw_parts(readings.clone(), count * shape.readings());
+            match run {
+                Run::Forward => {
+                    let all = client.create_from_slice(u32::as_bytes(&vec![1; count]));
+                    let all = BufferArg::from_raw_parts(all, count);
+                    evaluate::launch_unchecked::<F>(
+                        client, cubes, cube, numbers, models, all, ctrl, state, readings, count, true, shape,
+                    );
+                }
+                Run::Step(substeps) => advance::launch_unchecked::<F>(
+                    client, cubes, cube, numbers, models, ctrl, state, readings, count, substeps, shape,
+                ),
+            }
         }
         drop(table);
         let both = client.read(vec![state, readings]).map_err(|error| Error::Device(format!("{error:?}")))?;
@@ -270,7 +263,19 @@ fn take_over<F: Number>(own: &mut [f64], numbers: &[F]) {
     }
 }
 
-fn upload<F: Number>(client: &Client, numbers: &[f64]) -> Handle {
+pub(crate) fn upload<F: Number>(client: &Client, numbers: &[f64]) -> Handle {
     let numbers: Vec<F> = numbers.iter().map(|&number| F::of(number)).collect();
     client.create_from_slice(F::as_bytes(&numbers))
+}
+
+/// Fails in a process that was forked from the one that opened the device.
+pub(crate) fn check_process(opened: u32) -> Result<(), Error> {
+    if opened == std::process::id() {
+        return Ok(());
+    }
+    Err(Error::Device(
+        "the device was opened before this process was forked, and a GPU cannot be used on both sides of a fork; start \
+         processes with the method `spawn` or `forkserver`"
+            .into(),
+    ))
 }

@@ -23,6 +23,27 @@ pub struct State<F: Float> {
 
 #[cube]
 impl<F: Float> State<F> {
+    /// Reads the state of a world.
+    pub fn read(state: &[F], place: Place, #[comptime] shape: Shape) -> State<F> {
+        let row = place.world * comptime!(shape.state());
+        let mut own = State::<F> {
+            position: Position::<F>::room(shape),
+            velocity: Coords::<F>::room(shape),
+            acceleration: Coords::<F>::room(shape),
+        };
+        own.position.read(state, row, place.lane, shape);
+        own.velocity.read(state, row + comptime!(shape.velocity()), place.lane, shape);
+        own.acceleration.read(state, row + comptime!(shape.guess()), place.lane, shape);
+        own
+    }
+
+    pub fn write(&self, state: &mut [F], place: Place, #[comptime] shape: Shape) {
+        let row = place.world * comptime!(shape.state());
+        self.position.write(state, row, place.lane, shape);
+        self.velocity.write(state, row + comptime!(shape.velocity()), place.lane, shape);
+        self.acceleration.write(state, row + comptime!(shape.guess()), place.lane, shape);
+    }
+
     /// Advances by substeps with Euler or implicitfast, and shows the last evaluation.
     pub fn euler(
         &mut self,
@@ -61,8 +82,8 @@ impl<F: Float> State<F> {
     }
 
     /// Advances by substeps with Runge–Kutta: stages at 0, ½, ½ and 1, weighted 1 : 2 : 2 : 1. The last substep shows
-    /// touch sensors of the first of `stages` stages and forces of the last: MuJoCo evaluates sensors before the
-    /// integrator's further stages.
+    /// touch sensors of the first stage and forces of the last: MuJoCo evaluates sensors before the integrator's
+    /// further stages.
     pub fn runge_kutta(
         &mut self,
         numbers: &[F],
@@ -70,7 +91,6 @@ impl<F: Float> State<F> {
         ctrl: &Array<F>,
         readings: &mut [F],
         substeps: u32,
-        stages: u32,
         #[comptime] shape: Shape,
     ) {
         let timestep = numbers[place.model + root::TIMESTEP];
@@ -88,7 +108,7 @@ impl<F: Float> State<F> {
             mean_velocity.clear(shape);
             mean_acceleration.clear(shape);
             // Not unrolled: the code of an evaluation is large.
-            for stage in 0..stages {
+            for stage in 0..4u32 {
                 if stage > 0u32 {
                     let part = timestep * select(stage == 3u32, lit::<F>(1.0), lit::<F>(0.5));
                     self.position.set_moved(&begin, &rate, part, shape);
@@ -106,7 +126,7 @@ impl<F: Float> State<F> {
                     &self.position,
                     &self.velocity,
                     ctrl,
-                    Shown { touch: last && stage == 0u32, forces: last && stage + 1u32 == stages },
+                    Shown { touch: last && stage == 0u32, forces: last && stage == 3u32 },
                     readings,
                     &mut self.acceleration,
                     &mut unused,

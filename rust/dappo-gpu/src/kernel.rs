@@ -1,18 +1,15 @@
-//! The kernel: whole env steps of all worlds in one launch.
+//! The kernels of the physics: all substeps of all worlds in one launch.
 
 use cubecl::prelude::*;
 use dappo_lanes::model::Integrator;
 
-use crate::constants::root;
 use crate::coords::Coords;
+use crate::dynamics::{Shown, forward};
 use crate::integrate::State;
 use crate::shape::Shape;
-use crate::state::{Place, Position};
+use crate::state::Place;
 
 /// Advances every world by a number of substeps with the same controls.
-///
-/// With one substep of one stage the readings and the accelerations are those of the given state, which the new
-/// positions and velocities do not matter for.
 ///
 /// # Shapes
 /// - `numbers`: `[models, row]`; `models`: `[worlds]`; `ctrl`: `[worlds, lanes · joints]`
@@ -26,46 +23,78 @@ pub fn advance<F: Float>(
     readings: &mut [F],
     worlds: usize,
     substeps: u32,
-    stages: u32,
     #[comptime] shape: Shape,
 ) {
-    let lanes = comptime!(shape.lanes);
-    let counts = ABSOLUTE_POS < worlds * lanes;
     // Threads beyond the last world compute it once more, so that all stay together.
-    let world = min(ABSOLUTE_POS / lanes, worlds - 1);
-    let lane = ABSOLUTE_POS % lanes;
-    let model = models[world] as usize * comptime!(shape.row());
-    let place = Place {
-        lane,
-        world,
-        counts,
-        model,
-        limb: model + comptime!(root::LEN) + lane * comptime!(shape.limb_len()),
-    };
-    let row = world * comptime!(shape.state());
-    let mut own = State::<F> {
-        position: Position::<F>::room(shape),
-        velocity: Coords::<F>::room(shape),
-        acceleration: Coords::<F>::room(shape),
-    };
-    own.position.read(&*state, row, lane, shape);
-    own.velocity.read(&*state, row + comptime!(shape.velocity()), lane, shape);
-    own.acceleration.read(&*state, row + comptime!(shape.guess()), lane, shape);
-    let mut control = Array::<F>::new(comptime!(shape.joints));
-    #[unroll]
-    for k in 0..comptime!(shape.joints) {
-        control[k] = ctrl[world * comptime!(shape.dofs()) + lane * comptime!(shape.joints) + k];
-    }
+    let counts = ABSOLUTE_POS < worlds * comptime!(shape.lanes);
+    let world = min(ABSOLUTE_POS / comptime!(shape.lanes), worlds - 1);
+    let place = Place::new(models, world, counts, shape);
+    let mut own = State::<F>::read(&*state, place, shape);
+    let control = control::<F>(ctrl, place, shape);
     if comptime!(matches!(shape.integrator, Integrator::Rk4 { .. })) {
-        own.runge_kutta(numbers, place, &control, readings, substeps, stages, shape);
+        own.runge_kutta(numbers, place, &control, readings, substeps, shape);
     } else {
         own.euler(numbers, place, &control, readings, substeps, shape);
     }
     if counts {
-        own.position.write(state, row, lane, shape);
-        own.velocity.write(state, row + comptime!(shape.velocity()), lane, shape);
-        own.acceleration.write(state, row + comptime!(shape.guess()), lane, shape);
+        own.write(state, place, shape);
     }
+}
+
+/// Computes the accelerations and forces in the present states of the worlds with a 1 in `chosen`: accelerations, touch
+/// sensors, and with `forces` all that a step shows.
+///
+/// # Shapes
+/// - `chosen`: `[worlds]`; the others as in [`advance`]
+#[cube(launch_unchecked)]
+pub fn evaluate<F: Float>(
+    numbers: &[F],
+    models: &[u32],
+    chosen: &[u32],
+    ctrl: &[F],
+    state: &mut [F],
+    readings: &mut [F],
+    worlds: usize,
+    #[comptime] forces: bool,
+    #[comptime] shape: Shape,
+) {
+    let world = min(ABSOLUTE_POS / comptime!(shape.lanes), worlds - 1);
+    let counts = ABSOLUTE_POS < worlds * comptime!(shape.lanes) && chosen[world] == 1u32;
+    // All threads of a subgroup take part, or none does.
+    if plane_any(counts) {
+        let place = Place::new(models, world, counts, shape);
+        let mut own = State::<F>::read(&*state, place, shape);
+        let control = control::<F>(ctrl, place, shape);
+        let mut unused = Coords::<F>::room(shape);
+        forward::<F>(
+            numbers,
+            place,
+            &own.position,
+            &own.velocity,
+            &control,
+            Shown { touch: true, forces: comptime!(forces).runtime() },
+            readings,
+            &mut own.acceleration,
+            &mut unused,
+            shape,
+        );
+        if counts {
+            let row = world * comptime!(shape.state()) + comptime!(shape.guess());
+            own.acceleration.write(state, row, place.lane, shape);
+        }
+    }
+}
+
+/// The controls of the joints of a limb.
+#[cube]
+fn control<F: Float>(ctrl: &[F], place: Place, #[comptime] shape: Shape) -> Array<F> {
+    let first = place.world * comptime!(shape.dofs()) + place.lane * comptime!(shape.joints);
+    let mut control = Array::<F>::new(comptime!(shape.joints));
+    #[unroll]
+    for k in 0..comptime!(shape.joints) {
+        control[k] = ctrl[first + k];
+    }
+    control
 }
 
 /// Copies rows into a table: what is random about some worlds.

@@ -18,6 +18,9 @@
 #![allow(clippy::extra_unused_type_parameters, reason = "the macros of CubeCL use them")]
 #![allow(clippy::used_underscore_binding, reason = "the macros of CubeCL use them")]
 #![allow(clippy::needless_range_loop, reason = "an index runs over several arrays at once, as in formulas")]
+#![allow(clippy::manual_memcpy, reason = "kernels copy number by number")]
+#![allow(clippy::manual_range_contains, reason = "ranges are none of a kernel's types")]
+#![allow(clippy::collapsible_if, reason = "a kernel may evaluate both sides of a condition")]
 
 mod kinematics;
 
@@ -51,15 +54,21 @@ mod constants;
 mod coords;
 mod device;
 mod engine;
+mod envs;
 mod error;
 mod group;
 mod kernel;
 mod math;
+mod networks;
 mod shape;
 mod skeleton;
 mod state;
 
+mod task;
+
 pub use device::{ALLOW_SOFTWARE, Device};
 pub use engine::Engine;
+pub use envs::{Clock, Collected, EnvStates, Envs, Net, Networks, TaskTable};
 pub use error::Error;
 pub use group::Group;
+pub use task::plan;

@@ -335,3 +335,59 @@ pub fn polynomial<F: Float>(x: F, #[comptime] terms: Vec<f64>) -> F {
     }
     sum
 }
+
+/// e^x for x ≤ 0, as sines are computed; below e^−80 it is 0.
+#[cube]
+pub fn exponential<F: Float>(x: F) -> F {
+    let double = is_double::<F>();
+    let tiny = x < lit::<F>(-80.0);
+    let x = select(tiny, lit::<F>(0.0), x);
+    let halvings = (x * lit::<F>(-std::f64::consts::LOG2_E)).round();
+    let high = if comptime!(double) { lit::<F>(0.693_147_180_369_123_8) } else { lit::<F>(0.693_359_375) };
+    let low =
+        if comptime!(double) { lit::<F>(1.908_214_929_270_587_7e-10) } else { lit::<F>(-2.121_944_4e-4) };
+    let rest = fma(halvings, low, fma(halvings, high, x));
+    let mut product = polynomial::<F>(rest, comptime!(exponential_terms(double)));
+    let count = u32::cast_from(halvings);
+    #[unroll]
+    for bit in 0..7u32 {
+        let is_set = (count >> comptime!(bit)) & 1u32 == 1u32;
+        product *= select(is_set, lit::<F>(comptime!((-f64::from(1u32 << bit)).exp2())), lit::<F>(1.0));
+    }
+    select(tiny, lit::<F>(0.0), product)
+}
+
+/// ln x for 2⁻⁵⁴ < x ≤ 1.
+#[cube]
+pub fn natural_logarithm<F: Float>(x: F) -> F {
+    let mut reduced = x;
+    let mut doublings = lit::<F>(0.0);
+    #[unroll]
+    for step in 0..6u32 {
+        // x < 2^−32, 2^−16, …, 2^−1.
+        let power = comptime!(f64::from(32u32 >> step));
+        let is_small = reduced < lit::<F>(comptime!((-power).exp2()));
+        reduced *= select(is_small, lit::<F>(comptime!(power.exp2())), lit::<F>(1.0));
+        doublings += select(is_small, lit::<F>(power), lit::<F>(0.0));
+    }
+    // ln x = 2 artanh((x − 1) / (x + 1)), between −1/3 and 0.
+    let ratio = (reduced - lit::<F>(1.0)) / (reduced + lit::<F>(1.0));
+    let double = is_double::<F>();
+    let series = polynomial::<F>(ratio * ratio, comptime!(artanh_terms(double)));
+    fma(doublings, lit::<F>(-std::f64::consts::LN_2), lit::<F>(2.0) * ratio * series)
+}
+
+/// 1/n!, the highest power first.
+fn exponential_terms(double: bool) -> Vec<f64> {
+    let mut terms = vec![1.0];
+    for n in 1..=if double { 14 } else { 7 } {
+        terms.push(terms[n - 1] / n as f64);
+    }
+    terms.reverse();
+    terms
+}
+
+/// 1/(2n + 1), the highest power first.
+fn artanh_terms(double: bool) -> Vec<f64> {
+    (0..if double { 17 } else { 8 }).rev().map(|n| 1.0 / f64::from(2 * n + 1)).collect()
+}

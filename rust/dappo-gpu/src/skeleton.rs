@@ -21,6 +21,9 @@ pub struct Skeleton {
     pub touches: Vec<Vec<Option<usize>>>,
     /// Number of degrees of freedom.
     pub dofs: usize,
+    /// Number of bodies, the world included.
+    pub num_bodies: usize,
+    pub num_touches: usize,
 }
 
 /// Where a joint is.
@@ -102,6 +105,8 @@ impl Skeleton {
             bodies,
             touches: touches.iter().map(|lane| kept.iter().map(|&of| lane[of].flatten()).collect()).collect(),
             dofs: model.dofs(),
+            num_bodies: model.bodies,
+            num_touches: model.touch_sensors,
         })
     }
 }

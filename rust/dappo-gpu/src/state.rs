@@ -2,6 +2,7 @@
 
 use cubecl::prelude::*;
 
+use crate::constants::root;
 use crate::coords::Coords;
 use crate::math::{Quat, V3, copied_in_kernels, lit, sin_cos};
 use crate::shape::Shape;
@@ -21,6 +22,17 @@ pub struct Place {
     pub limb: usize,
 }
 copied_in_kernels!(plain: PlaceExpand);
+
+#[cube]
+impl Place {
+    /// The place of this thread, which computes a world.
+    pub fn new(models: &[u32], world: usize, counts: bool, #[comptime] shape: Shape) -> Place {
+        let lane = ABSOLUTE_POS % comptime!(shape.lanes);
+        let model = models[world] as usize * comptime!(shape.row());
+        let limb = model + comptime!(root::LEN) + lane * comptime!(shape.limb_len());
+        Place { lane, world, counts, model, limb }
+    }
+}
 
 /// Generalised positions: the root's place, its unit quaternion (w, x, y, z), and the joints of the limb.
 #[derive(CubeType)]

@@ -1,14 +1,22 @@
 //! Makes vector envs for a configuration: Python compiles the class table, Rust simulates it.
 
 use dappo_learn::config::Config;
+#[cfg(feature = "gpu")]
+use dappo_learn::engine::GpuEngine;
 use dappo_learn::engine::{HostEngine, RolloutEngine};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::memory::check_training;
 use dappo_learn::{Sizes, Symmetry};
+#[cfg(feature = "gpu")]
+use dappo_sim::backend::gpu::GpuEnvs;
 use dappo_sim::backend::lanes::LaneTable;
+#[cfg(feature = "gpu")]
+use dappo_sim::rng::env_keys;
 use dappo_sim::simd;
 use dappo_sim::task::{MirroredParts, Reflections, Task};
 use dappo_sim::threads::available;
+#[cfg(feature = "gpu")]
+use dappo_sim::vector_env::VectorEnvConfig;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Layout, Physics, Robot, SimError, VectorEnv};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
@@ -189,6 +197,50 @@ impl TableFactory {
     }
 }
 
+#[cfg(not(feature = "gpu"))]
+impl TableFactory {
+    /// Why a training whose physics is on the GPU computes all else on the CPU; `None` if there is none.
+    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "as in builds with the feature gpu")]
+    pub fn task_note(&self, _: &Config) -> dappo_learn::Result<Option<String>> {
+        Ok(None)
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl TableFactory {
+    /// Why a training whose physics is on the GPU computes all else on the CPU; `None` if there is none, or if the GPU
+    /// computes all.
+    pub fn task_note(&self, config: &Config) -> dappo_learn::Result<Option<String>> {
+        let (Physics::Gpu(_), Ok(table)) = (self.training, &self.lanes) else { return Ok(None) };
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
+        match task.on_device(table, &self.space, &self.env_config(config)?) {
+            Ok(_) => Ok(None),
+            Err(SimError::Unsupported(reasons)) => Ok(Some(format!(
+                "the GPU computes the physics alone, and the CPU observations, rewards and resets: {}",
+                reasons.join("; ")
+            ))),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Whole rollouts on the GPU; `None` if something else simulates, or the kernels do not know the task.
+    fn device_engine(
+        &self,
+        config: &Config,
+        envs: &VectorEnvConfig,
+    ) -> dappo_learn::Result<Option<Box<dyn RolloutEngine>>> {
+        let (Physics::Gpu(precision), Ok(table)) = (self.training, &self.lanes) else { return Ok(None) };
+        let task = Task::new(&self.robot, &self.layout, config.env.reward.as_deref(), true)?;
+        let noise = env_keys(config.seed, config.env.num_envs);
+        match GpuEnvs::new(task, table.clone(), &self.space, precision, envs.clone(), &noise) {
+            Ok(envs) => Ok(Some(Box::new(GpuEngine::new(envs, config.horizon)))),
+            // Physics alone is on the device then.
+            Err(SimError::Unsupported(_)) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
 /// Version of the installed MuJoCo.
 pub fn mujoco_version(py: Python<'_>) -> PyResult<String> {
     py.import("mujoco")?.getattr("__version__")?.extract()
@@ -251,6 +303,10 @@ impl EnvFactory for TableFactory {
 
     fn engine(&self, config: &Config) -> dappo_learn::Result<Box<dyn RolloutEngine>> {
         let envs = self.env_config(config)?;
+        #[cfg(feature = "gpu")]
+        if let Some(engine) = self.device_engine(config, &envs)? {
+            return Ok(engine);
+        }
         match self.training {
             Physics::Lanes(_) | Physics::Mujoco | Physics::Gpu(_) => {
                 let reward = config.env.reward.as_deref();

@@ -1,5 +1,7 @@
 //! Where rollouts come from: envs that the host steps, or a device that runs whole rollouts by itself.
 
+#[cfg(feature = "gpu")]
+mod gpu;
 mod host;
 
 use dappo_nn::FrozenActorCritic;
@@ -10,6 +12,8 @@ use crate::episodes::EpisodeTracker;
 use crate::error::Result;
 use crate::rollout::Rollout;
 
+#[cfg(feature = "gpu")]
+pub use gpu::GpuEngine;
 pub use host::HostEngine;
 
 /// Envs in which a policy acts for a fixed number of steps at a time. Episodes continue from one rollout to

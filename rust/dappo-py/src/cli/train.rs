@@ -50,6 +50,9 @@ pub fn run(py: Python<'_>, arguments: &TrainArgs, given: &[String], caller: &Cal
     if !arguments.json {
         note!("{}", describe(&config, &factory, &run).or_raise()?);
         note!("{}", factory.describe(factory.training_physics()));
+        if let Some(why) = factory.task_note(&config).or_raise()? {
+            note!("{why}");
+        }
         if let Some(why) = factory.asymmetry() {
             note!("without symmetry: {why}");
         }

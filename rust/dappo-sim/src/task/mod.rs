@@ -15,6 +15,8 @@ mod check;
 mod command;
 mod control;
 mod description;
+#[cfg(feature = "gpu")]
+mod device;
 mod draws;
 mod dropout;
 mod entries;

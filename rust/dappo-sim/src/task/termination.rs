@@ -54,11 +54,11 @@ fn touching() -> f64 {
 /// Terminations of a compiled robot.
 #[derive(Debug, Clone)]
 pub(super) struct Limits {
-    height: [f64; 2],
+    pub height: [f64; 2],
     /// Cosine of the largest tilt.
-    cosine: f64,
+    pub cosine: f64,
     bodies: Vec<usize>,
-    force: f64,
+    pub force: f64,
 }
 
 impl Limits {

@@ -31,7 +31,7 @@ pub fn find() -> Result<Device, SimError> {
     Device::find().map_err(failure)
 }
 
-fn failure(error: Error) -> SimError {
+pub(super) fn failure(error: Error) -> SimError {
     match error {
         Error::Unsupported(reasons) => super::unusable(&reasons.join("; ")),
         Error::Device(why) => SimError::Device(why),

@@ -5,6 +5,13 @@
 
 #[cfg(feature = "gpu")]
 mod engine;
+#[cfg(feature = "gpu")]
+mod envs;
+
+#[cfg(feature = "gpu")]
+pub use dappo_gpu::{Collected, Net, Networks};
+#[cfg(feature = "gpu")]
+pub use envs::GpuEnvs;
 
 use super::lanes::LaneTable;
 use super::{Backend, Precision, Worlds};

@@ -106,7 +106,7 @@ impl LaneTable {
         &self.models
     }
 
-    pub(in crate::backend) fn start(&self, model: usize) -> &[f64] {
+    pub(crate) fn start(&self, model: usize) -> &[f64] {
         &self.starts[model]
     }
 
@@ -141,7 +141,7 @@ impl LaneTable {
         model
     }
 
-    pub(in crate::backend) fn disabled_touch(&self, class: usize) -> &[bool] {
+    pub(crate) fn disabled_touch(&self, class: usize) -> &[bool] {
         &self.disabled_touch[class]
     }
 }
