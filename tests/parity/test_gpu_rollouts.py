@@ -57,6 +57,7 @@ def test_rollouts_are_those_of_the_host(robot: str) -> None:
         "env.max_episode_steps": 3,
         "damage.max_damaged_limbs": 1,
         "damage.onset": {"first": 0, "last": 2},
+        "curriculum": [{"name": "all", "mix": "uniform"}],
         "damage.code_delay": {"first": 0, "last": 1},
     }
     host, gpu = rollouts(robot, settings)
@@ -122,8 +123,8 @@ landing = { weight = -1e-3 }
 
 [tasks.velocity.terminations]
 height = [0.1, 0.6]
-tilt = { angle = 1.0 }
-contact = { bodies = ["FR_thigh", "RL_hip"], force = 2.0 }
+tilt = { angle = 0.14 }
+contact = { bodies = ["FR_calf", "RL_hip"], force = 400.0 }
 
 [tasks.velocity.events]
 friction = { scale = [0.6, 1.4] }
