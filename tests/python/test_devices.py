@@ -166,10 +166,12 @@ def test_errors_of_the_device_contain_a_remedy(error: Exception, message: str) -
     assert devices.explain(error).startswith(message)
 
 
+@pytest.mark.parametrize("name", ["gpu", "wgpu"])
 def test_a_learner_that_this_build_lacks_is_rejected_before_there_is_a_run_folder(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    """Earlier versions called it wgpu."""
     run = tmp_path / "run"
-    assert run_cli(["train", "--learner", "wgpu", "--run", str(run)]) == 1
-    assert "build with the feature `wgpu`" in capfd.readouterr().err
+    assert run_cli(["train", "--learner", name, "--run", str(run)]) == 1
+    assert "build with the feature `gpu`" in capfd.readouterr().err
     assert not run.exists()

@@ -65,7 +65,7 @@ class TrainingOptions(Simulation, total=False):
     seed : int
         Seed of all random streams.
     learner : str
-        ``cpu`` or ``wgpu``: where the networks are computed.
+        ``cpu`` or ``gpu``: where the networks are computed.
     unaware : bool
         Hide the damage code from the policy (PPO-Unaware); sets ``damage.min_class_steps`` to 0.
     healthy : bool

@@ -66,7 +66,7 @@ def resume(
     threads
         Worker threads; by default the number of cores.
     learner
-        ``cpu`` or ``wgpu``: where the networks are computed.
+        ``cpu`` or ``gpu``: where the networks are computed.
     njmax, nconmax
         On a GPU, buffer sizes from now on: constraints of each env, and contacts as an average over the envs.
     set

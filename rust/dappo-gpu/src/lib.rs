@@ -1,9 +1,12 @@
-//! MuJoCo's equations for limbed robots on a floor as one GPU kernel, one thread a limb.
+//! MuJoCo's equations for limbed robots on a floor as one GPU kernel, one thread a limb, and whole rollouts around it.
 //!
 //! A robot is what [`dappo_lanes`] simulates: a free root with limbs of hinges over a level floor, given by the same
 //! [`Model`](dappo_lanes::Model)s. An [`Engine`] holds its damage classes on the device and computes many worlds in one
 //! launch; [`Group`]s of worlds keep their states on the host. An evaluation of the dynamics goes through the modules
 //! in the order in which they are listed here; they have the names that they have in [`dappo_lanes`].
+//!
+//! [`Envs`] stay on the device for whole rollouts: what a step is besides physics is in `task`, what acts in it in
+//! `networks`.
 //!
 //! Threads of a world exchange numbers by subgroup shuffles. Nothing depends on the order in which threads run, so
 //! that the same device computes the same bits every time.

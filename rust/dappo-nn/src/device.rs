@@ -22,8 +22,10 @@ pub enum LearnerDevice {
     /// The CPU, with operations made for networks as small as these.
     #[default]
     Cpu,
-    /// A GPU of any maker by way of Vulkan or Metal, with burn's own operations.
-    Wgpu,
+    /// A GPU of any maker by way of Vulkan or Metal, with burn's own operations. Earlier versions called it `wgpu`.
+    #[serde(alias = "wgpu")]
+    #[strum(to_string = "gpu", serialize = "wgpu")]
+    Gpu,
 }
 
 impl LearnerDevice {
@@ -40,26 +42,26 @@ impl LearnerDevice {
                 simd::chosen().map_err(|error| NnError::Invalid(error.to_string()))?;
                 Ok(cpu())
             }
-            Self::Wgpu => wgpu(),
+            Self::Gpu => gpu(),
         }
     }
 }
 
-#[cfg(feature = "wgpu")]
-fn wgpu() -> Result<Device> {
+#[cfg(feature = "gpu")]
+fn gpu() -> Result<Device> {
     use burn::tensor::{DeviceKind, DeviceType};
 
     // A tensor on a machine without any adapter would end the program.
     if Device::enumerate(DeviceType::Wgpu).is_empty() {
-        let message = "ppo.device is wgpu, but no Vulkan driver offers a device: install the driver of the GPU, or Mesa's";
+        let message = "ppo.device is gpu, but no Vulkan driver offers a device: install the driver of the GPU, or Mesa's";
         return Err(NnError::Invalid(message.into()));
     }
     Ok(Device::wgpu(DeviceKind::DefaultDevice))
 }
 
-#[cfg(not(feature = "wgpu"))]
-fn wgpu() -> Result<Device> {
-    let message = "ppo.device is wgpu, which this build lacks: build with the feature `wgpu` \
+#[cfg(not(feature = "gpu"))]
+fn gpu() -> Result<Device> {
+    let message = "ppo.device is gpu, which this build lacks: build with the feature `gpu` \
                    (docs/guides/gpu.md), or take cpu";
     Err(NnError::Invalid(message.into()))
 }

@@ -40,7 +40,7 @@ impl Schedule {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoConfig {
-    /// `cpu` or `wgpu`: where the networks are computed.
+    /// `cpu` or `gpu`: where the networks are computed.
     pub device: LearnerDevice,
     /// `written` or `recorded`: whether gradients and Adam's steps are written out for these networks, or burn's; written
     /// on the CPU and recorded elsewhere when absent.
@@ -175,7 +175,7 @@ impl PpoConfig {
     pub fn gradients(&self) -> Gradients {
         self.gradients.unwrap_or(match self.device {
             LearnerDevice::Cpu => Gradients::Written,
-            LearnerDevice::Wgpu => Gradients::Recorded,
+            LearnerDevice::Gpu => Gradients::Recorded,
         })
     }
 
@@ -245,7 +245,7 @@ mod tests {
             let preset = PpoConfig::preset(name).unwrap();
             preset.check().unwrap();
             assert_eq!(preset.closest_preset().unwrap(), (name, Vec::new()));
-            let elsewhere = PpoConfig { device: LearnerDevice::Wgpu, ..preset.clone() };
+            let elsewhere = PpoConfig { device: LearnerDevice::Gpu, ..preset.clone() };
             assert_eq!(elsewhere.closest_preset().unwrap(), (name, Vec::new()));
             let changed = PpoConfig { gamma: 0.9, hidden: vec![64], ..preset };
             let settings = ["ppo.gamma = 0.9", "ppo.hidden = [64]"].map(ToOwned::to_owned).to_vec();
@@ -301,9 +301,9 @@ mod tests {
     fn gradients_follow_the_device_and_written_ones_are_for_the_cpu() {
         let on = |device, gradients| PpoConfig { device, gradients, ..PpoConfig::default() };
         assert_eq!(on(LearnerDevice::Cpu, None).gradients(), Gradients::Written);
-        assert_eq!(on(LearnerDevice::Wgpu, None).gradients(), Gradients::Recorded);
+        assert_eq!(on(LearnerDevice::Gpu, None).gradients(), Gradients::Recorded);
         on(LearnerDevice::Cpu, Some(Gradients::Recorded)).check().unwrap();
-        let message = on(LearnerDevice::Wgpu, Some(Gradients::Written)).check().unwrap_err().to_string();
+        let message = on(LearnerDevice::Gpu, Some(Gradients::Written)).check().unwrap_err().to_string();
         assert!(message.starts_with("`gradients` is \"written\", expected \"recorded\""), "{message}");
     }
 }

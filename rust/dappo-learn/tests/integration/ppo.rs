@@ -292,18 +292,18 @@ fn a_rollout_of_another_shape_is_rejected_by_name() {
     assert!(message.starts_with("actions [T, N, A] has 1024 elements, expected 512"), "{message}");
 }
 
-/// In a build with the feature `wgpu`; without a Vulkan driver this fails, as a training there would.
-#[cfg(feature = "wgpu")]
+/// In a build with the feature `gpu`; without a Vulkan driver this fails, as a training there would.
+#[cfg(feature = "gpu")]
 #[test]
-fn a_learner_goes_from_the_cpu_to_wgpu_and_back_and_learns_the_same() {
+fn a_learner_goes_from_the_cpu_to_a_gpu_and_back_and_learns_the_same() {
     let near = |got: f64, expected: f64| {
         assert!((got - expected).abs() < 1e-3 * (1.0 + expected.abs()), "{got}, expected {expected}");
     };
-    let dir = temporary("wgpu");
+    let dir = temporary("gpu");
     let mut on_cpu = learner(&small());
     train(&mut on_cpu);
     on_cpu.save(&dir).unwrap();
-    let mut on_gpu = Ppo::load(&dir, &small(), &dappo_learn::LearnerDevice::Wgpu.open().unwrap()).unwrap();
+    let mut on_gpu = Ppo::load(&dir, &small(), &dappo_learn::LearnerDevice::Gpu.open().unwrap()).unwrap();
     for iteration in 1..3 {
         let rollout = play(&on_cpu, iteration);
         let targets = gae(&rollout, 0.995, 0.98).unwrap();

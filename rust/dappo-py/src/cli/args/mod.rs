@@ -101,7 +101,7 @@ arguments! {
         /// Room for contacts and constraints on a GPU.
         #[command(flatten)]
         pub room: RoomArgs,
-        /// Where to compute the networks; wgpu needs a build with that feature
+        /// Where to compute the networks; gpu needs a build with that feature
         #[arg(long)]
         pub learner: Option<OneOf<LearnerDevice>> => "ppo.device",
         /// Worker threads [default: all cores]

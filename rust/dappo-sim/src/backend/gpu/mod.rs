@@ -1,7 +1,8 @@
 //! The `gpu` backend: the physics of all envs in one kernel, a thread a limb (crate `dappo-gpu`, feature `gpu`).
 //!
-//! It simulates the robots of the [lane engine](super::lanes), from the same compiled models. Actions go to the device
-//! and states come back once an env step; observations, rewards and terminations are computed on the CPU.
+//! It simulates the robots of the [lane engine](super::lanes), from the same compiled models. As a backend, actions go to
+//! the device and states come back once an env step; observations, rewards and terminations are computed on the CPU.
+//! `GpuEnvs` leave all of it on the device for whole rollouts, for tasks whose terms and events the kernels know.
 
 #[cfg(feature = "gpu")]
 mod engine;
