@@ -10,7 +10,7 @@ use crate::device::{Device, THREADS, check};
 use crate::engine::{Number, check_process, upload};
 use crate::error::Error;
 use crate::kernel::{advance, evaluate};
-use crate::networks::{TILE, copy, layer, prepare, sample};
+use crate::networks::{TILE, gather, layer, prepare, sample};
 use crate::skeleton::Skeleton;
 use crate::task::kernels::{OUTCOME, begin_episodes, begin_step, end, end_step, observe_placed};
 use crate::task::plan::{JAM, Places, Plan, Task};
@@ -333,7 +333,6 @@ impl Envs {
             means: empty(horizon * envs * nu),
             log_probs: empty(horizon * envs),
             values: empty((horizon + 1) * envs),
-            final_values: empty(horizon * envs),
             outcomes: empty(horizon * envs * OUTCOME),
         };
         let observed = width - self.task.plan.code;
@@ -341,7 +340,8 @@ impl Envs {
         let value = Uploaded::new(&self.client, networks, networks.value, observed);
         let std: Vec<f32> = networks.log_std.iter().map(|log_std| log_std.exp()).collect();
         let std = Buffer::of(&self.client, &std);
-        self.copy(&self.obs, 0, &buffers.obs, envs * width);
+        let all: Vec<u32> = (0..envs as u32).collect();
+        self.gather(&self.obs, &all, &buffers.obs);
         for step in 0..horizon {
             let row = step * envs;
             self.run(&policy, &buffers.obs, row * width, &buffers.means, row * nu, envs);
@@ -354,14 +354,36 @@ impl Envs {
             let row = first * envs;
             self.run(&value, &buffers.obs, row * width, &buffers.values, row, rows);
         }
-        for first in (0..horizon).step_by(steps) {
-            let rows = steps.min(horizon - first) * envs;
-            let row = first * envs;
-            self.run(&value, &buffers.final_obs, row * width, &buffers.final_values, row, rows);
-        }
         self.obs = Buffer::empty::<f32>(&self.client, envs * width);
-        self.copy(&buffers.obs, horizon * envs * width, &self.obs, envs * width);
-        buffers.read(&self.client, horizon, envs, width)
+        let last: Vec<u32> = all.iter().map(|env| (horizon * envs) as u32 + env).collect();
+        self.gather(&buffers.obs, &last, &self.obs);
+        let mut collected = buffers.read(&self.client, horizon, envs, width)?;
+        self.bootstrap(&value, &buffers, &mut collected)?;
+        Ok(collected)
+    }
+
+    /// Values of the last observations of the episodes that the time limit has cut short.
+    fn bootstrap(
+        &self,
+        net: &Uploaded<'_>,
+        buffers: &Buffers,
+        collected: &mut Collected,
+    ) -> Result<(), Error> {
+        let ends = collected.truncated.iter().zip(&collected.terminated).enumerate();
+        let cut: Vec<u32> =
+            ends.filter(|(_, (cut, fell))| **cut && !**fell).map(|(row, _)| row as u32).collect();
+        if cut.is_empty() {
+            return Ok(());
+        }
+        let rows = Buffer::empty::<f32>(&self.client, cut.len() * self.task.plan.obs_len());
+        self.gather(&buffers.final_obs, &cut, &rows);
+        let values = Buffer::empty::<f32>(&self.client, cut.len());
+        self.run(net, &rows, 0, &values, 0, cut.len());
+        let bytes = self.client.read_one(values.handle).map_err(failure)?;
+        for (&row, &value) in cut.iter().zip(f32::from_bytes(&bytes)) {
+            collected.final_values[row as usize] = value;
+        }
+        Ok(())
     }
 
     /// Advances all envs by one step.
@@ -596,10 +618,21 @@ impl Envs {
         }
     }
 
-    fn copy(&self, from: &Buffer, first: usize, to: &Buffer, count: usize) {
+    /// Copies rows of observations into a buffer of their own.
+    fn gather(&self, from: &Buffer, rows: &[u32], to: &Buffer) {
+        let width = self.task.plan.obs_len();
         // SAFETY: as in `step`.
         unsafe {
-            copy::launch_unchecked(&self.client, cubes(count), cube(), from.arg(), to.arg(), first, count);
+            gather::launch_unchecked(
+                &self.client,
+                cubes(rows.len() * width),
+                cube(),
+                from.arg(),
+                Buffer::of(&self.client, rows).arg(),
+                to.arg(),
+                rows.len(),
+                width,
+            );
         }
     }
 
@@ -776,22 +809,13 @@ struct Buffers {
     means: Buffer,
     log_probs: Buffer,
     values: Buffer,
-    final_values: Buffer,
     outcomes: Buffer,
 }
 
 impl Buffers {
-    fn read(self, client: &Client, horizon: usize, envs: usize, width: usize) -> Result<Collected, Error> {
-        let handles = [
-            self.obs,
-            self.actions,
-            self.means,
-            self.log_probs,
-            self.values,
-            self.final_values,
-            self.outcomes,
-        ]
-        .map(|buffer| buffer.handle);
+    fn read(&self, client: &Client, horizon: usize, envs: usize, width: usize) -> Result<Collected, Error> {
+        let handles = [&self.obs, &self.actions, &self.means, &self.log_probs, &self.values, &self.outcomes]
+            .map(|buffer| buffer.handle.clone());
         let bytes = client.read(handles.to_vec()).map_err(failure)?;
         let mut arrays = bytes.iter().map(|bytes| f32::from_bytes(bytes).to_vec());
         let mut next = || arrays.next().unwrap_or_default();
@@ -801,12 +825,12 @@ impl Buffers {
             means: next(),
             log_probs: next(),
             values: next(),
-            final_values: next(),
+            final_values: vec![0.0; horizon * envs],
             ..Collected::default()
         };
         collected.obs.truncate(horizon * envs * width);
         collected.last_values = collected.values.split_off(horizon * envs);
-        for (outcome, value) in next().chunks_exact(OUTCOME).zip(&mut collected.final_values) {
+        for outcome in next().chunks_exact(OUTCOME) {
             let [reward, velocity, ends] = [outcome[0], outcome[1], outcome[2]];
             let ends = ends as u32;
             let has = |end: f64| ends & end as u32 != 0;
@@ -815,10 +839,6 @@ impl Buffers {
             collected.terminated.push(has(end::TERMINATED));
             collected.truncated.push(has(end::TRUNCATED));
             collected.diverged += u64::from(has(end::DIVERGED));
-            // Where an episode has not been cut short, there is no last observation.
-            if has(end::TERMINATED) || !has(end::TRUNCATED) {
-                *value = 0.0;
-            }
         }
         Ok(collected)
     }

@@ -63,17 +63,19 @@ pub fn layer(
     let row = ABSOLUTE_POS / outputs * comptime!(TILE);
     if row < rows {
         let mut sums = Array::<f32>::new(comptime!(TILE));
+        let mut starts = Array::<usize>::new(comptime!(TILE));
         let bias = parameters[first + comptime!(inputs * outputs) + unit];
         #[unroll]
         for i in 0..comptime!(TILE) {
             sums[i] = bias;
+            // Rows beyond the last one are computed from it, and not kept.
+            starts[i] = min(row + i, rows - 1) * inputs;
         }
         for k in 0..inputs {
             let weight = parameters[first + k * outputs + unit];
             #[unroll]
             for i in 0..comptime!(TILE) {
-                // Rows beyond the last one are computed from it, and not kept.
-                sums[i] = fma(input[min(row + i, rows - 1) * inputs + k], weight, sums[i]);
+                sums[i] = fma(input[starts[i] + k], weight, sums[i]);
             }
         }
         #[unroll]
@@ -134,10 +136,14 @@ pub fn sample<F: Float>(
     }
 }
 
-/// Copies numbers to another place.
+/// Copies rows into an array of their own.
+///
+/// # Shapes
+/// - `from`: `[…, width]`; `rows`: `[count]`, which of them; `to`: `[count, width]`
 #[cube(launch_unchecked)]
-pub fn copy(from: &[f32], to: &mut [f32], first: usize, count: usize) {
-    if ABSOLUTE_POS < count {
-        to[ABSOLUTE_POS] = from[first + ABSOLUTE_POS];
+pub fn gather(from: &[f32], rows: &[u32], to: &mut [f32], count: usize, width: usize) {
+    if ABSOLUTE_POS < count * width {
+        let row = rows[ABSOLUTE_POS / width] as usize;
+        to[ABSOLUTE_POS] = from[row * width + ABSOLUTE_POS % width];
     }
 }
