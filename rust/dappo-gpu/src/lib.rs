@@ -49,6 +49,8 @@ mod forces;
 mod arrow;
 mod constants;
 mod coords;
+#[cfg(feature = "cuda-source")]
+pub mod cuda_source;
 mod device;
 mod engine;
 mod error;
