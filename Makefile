@@ -10,9 +10,10 @@ CARGO_FLAGS := --release --workspace --locked
 # Tests run in this many processes, a file in one of them.
 WORKERS ?= 2
 MINUTES ?= 60
+PART_MIB ?= 60
 PYTEST := $(RUN) pytest --numprocesses $(WORKERS) --dist loadfile
 
-.PHONY: help setup train test test-fast test-rust test-python fuzz lint format bench docs pictures wheel wheels clean
+.PHONY: help setup train test test-fast test-rust test-python fuzz lint format bench docs pictures wheel wheels gpu-bundle clean
 
 help: ## List the jobs
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -79,5 +80,10 @@ wheels: $(UV) ## Build wheels for Linux on x86_64 and aarch64 and an sdist into 
 	$(UV) pip install --quiet --python target/smoke dist/*$$(uname -m).whl
 	target/smoke/bin/python tests/smoke.py
 
+gpu-bundle: setup ## Pack the check of a GPU for a machine without network into .gpu, in parts of PART_MIB
+	rm -rf .gpu/wheel
+	$(RUN) maturin build --release --locked --features gpu --out .gpu/wheel
+	.tools/bin/python tests/gpu/bundle.py .gpu/wheel/*.whl --part-mib $(PART_MIB)
+
 clean: ## Remove everything that was built
-	rm -rf target dist .venv .tools site
+	rm -rf target dist .venv .tools .gpu site

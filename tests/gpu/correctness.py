@@ -68,7 +68,7 @@ def physics(scale: Scale) -> dict[str, Any]:
     dict
         By robot, the largest relative difference of positions; ``ok`` if all are small.
     """
-    errors = {robot: _trajectory_error(_elliptic(robot)) for robot in scale.robots}
+    errors = {robot: _trajectory_error(_elliptic(robot)) for robot in scale.warp_robots}
     return {"ok": max(errors.values()) < _TRAJECTORY, "limit": _TRAJECTORY} | errors
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 from time import perf_counter
 from typing import Any
 
@@ -20,31 +21,28 @@ from .setting import collector, device_arrays
 __all__ = ["speed"]
 
 
-def speed(scale: Scale, has_time: Callable[[], bool]) -> Iterator[dict[str, Any]]:
-    """Time every robot, integrator and batch size while there is time, with one row for each.
+def speed(scale: Scale) -> Iterator[dict[str, Any]]:
+    """Time every robot, integrator and number of solver iterations, with one row for each.
 
     Yields
     ------
     dict
-        ``robot``, ``integrator``, ``num_envs``; ``steps_per_second`` of whole rollouts, copied to the host;
-        milliseconds an env step of all envs: ``policy_ms``, ``physics_ms`` (with reward and observation),
-        ``rest_ms`` (ends, resets, records), ``copy_ms``; ``start_seconds`` with compilation and capture;
-        ``memory_mib`` on a GPU. Or ``skipped``, with the reason.
+        ``robot``, ``integrator``, ``iterations``, ``num_envs``; ``steps_per_second`` of rollouts, copied
+        to the host; milliseconds an env step of all envs: ``policy_ms``, ``physics_ms`` (with reward and
+        observation), ``rest_ms`` (ends, resets, records), ``copy_ms``; ``start_seconds`` with compilation and
+        capture; ``memory_mib`` on a GPU. Or ``skipped``, with the reason.
     """
-    for robot in scale.robots:
-        for integrator in scale.integrators:
-            task = None
-            for num_envs in scale.num_envs:
-                row: dict[str, Any] = {"robot": robot, "integrator": integrator, "num_envs": num_envs}
-                if not has_time():
-                    yield row | {"skipped": "no time left"}
-                    continue
-                task = task or Task.of(compile_class_table(robot, physics=integrator))
-                try:
-                    yield row | _measure(task, num_envs, scale)
-                except RuntimeError as error:  # usually too little memory
-                    yield row | {"skipped": f"{type(error).__name__}: {error}"}
-                gc.collect()
+    for robot, integrator, iterations in product(scale.warp_robots, scale.integrators, scale.iterations):
+        row: dict[str, Any] = {"robot": robot, "integrator": integrator, "iterations": iterations}
+        table = compile_class_table(robot, physics=integrator)
+        for model in table.models:
+            model.opt.iterations = iterations
+        row["num_envs"] = scale.warp_envs
+        try:
+            yield row | _measure(Task.of(table), scale.warp_envs, scale)
+        except RuntimeError as error:  # usually too little memory
+            yield row | {"skipped": f"{type(error).__name__}: {error}"}
+        gc.collect()
 
 
 def _measure(task: Task, num_envs: int, scale: Scale) -> dict[str, Any]:

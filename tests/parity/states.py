@@ -81,7 +81,8 @@ def advance(model: mujoco.MjModel, states: States, substeps: int) -> tuple[Array
 
 def _controls(model: mujoco.MjModel, rng: np.random.Generator) -> Array:
     low, high = model.actuator_ctrlrange.T
-    return rng.uniform(low, high)
+    controls: Array = rng.uniform(low, high)
+    return controls
 
 
 def _stack(rows: list[tuple[Array, Array, Array]]) -> States:
@@ -119,7 +120,7 @@ def rollout(model: mujoco.MjModel, count: int, rng: np.random.Generator) -> Stat
     """Return states that random actions lead to."""
     data = mujoco.MjData(model)
     noise = 0.1 * float(model.qpos0[2])
-    rows = []
+    rows: list[tuple[Array, Array, Array]] = []
     while len(rows) < count:
         mujoco.mj_resetData(model, data)
         data.qpos[:] += rng.uniform(-noise, noise, model.nq)

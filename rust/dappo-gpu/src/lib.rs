@@ -55,6 +55,8 @@ mod forces;
 mod arrow;
 mod constants;
 mod coords;
+#[cfg(feature = "cuda-source")]
+pub mod cuda_source;
 mod device;
 mod engine;
 mod envs;
