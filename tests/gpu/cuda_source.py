@@ -1,4 +1,4 @@
-"""The kernel of the GPU engine as CUDA C++, compiled for a GPU that need not be there."""
+"""The kernels of the GPU engine as CUDA C++, compiled for a GPU that need not be there."""
 
 from __future__ import annotations
 
@@ -20,13 +20,19 @@ from dappo_batch import ClassTable
 from dappo_batch.model.clamped_actuators import clamped_without_derivative
 from dappo_batch.model.rotation_correction import rotation_correction
 
-__all__ = ["EXAMPLE", "Unavailable", "Usage", "compile_kernel", "emit", "find_toolkit"]
+__all__ = ["EXAMPLE", "Unavailable", "Usage", "compile_kernel", "emit", "emit_rollout", "find_toolkit"]
 
 EXAMPLE = (
     *("cargo", "build", "--release", "--locked", "--package", "dappo-sim"),
     *("--features", "cuda-source", "--example", "cuda_source"),
 )
 """Builds the program that writes the kernel of a robot."""
+
+ROLLOUT = (
+    *("cargo", "test", "--release", "--locked", "--package", "dappo-gpu"),
+    *("--features", "cuda-source", "--test", "envs", "cuda_can_express"),
+)
+"""Writes the kernels of a rollout with every term and event into the folder ``DAPPO_CUDA_SOURCE``."""
 
 _ROOT = Path(__file__).parents[2]
 _WHEELS = " ".join(f"nvidia-cuda-{part}" for part in ("nvrtc", "nvcc", "nvdisasm", "runtime", "cccl"))
@@ -61,17 +67,27 @@ def find_toolkit() -> Path:
 
 def emit(table: ClassTable, folder: Path, seconds: float) -> str:
     """Return the kernel of a robot in single precision as CUDA C++; `EXAMPLE` may take so many seconds."""
-    if shutil.which("cargo") is None:
-        raise Unavailable("there is no cargo")
-    try:
-        subprocess.run(EXAMPLE, cwd=_ROOT, check=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        raise Unavailable(f"it takes long to compile; do it first: {' '.join(EXAMPLE)}") from None
+    _build(EXAMPLE, {}, seconds)
     robot, kernel = folder / "robot.json", folder / "kernel.cu"
     robot.write_text(json.dumps(_numbers(table)))
     target = _ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
     subprocess.run([target / "release/examples/cuda_source", robot, kernel], check=True)
     return kernel.read_text()
+
+
+def emit_rollout(folder: Path, seconds: float) -> dict[str, str]:
+    """Return the other kernels of a rollout by name; `ROLLOUT` may take so many seconds."""
+    _build(ROLLOUT, {"DAPPO_CUDA_SOURCE": str(folder)}, seconds)
+    return {path.stem: path.read_text() for path in sorted(folder.glob("*.cu"))}
+
+
+def _build(command: tuple[str, ...], variables: dict[str, str], seconds: float) -> None:
+    if shutil.which("cargo") is None:
+        raise Unavailable("there is no cargo")
+    try:
+        subprocess.run(command, cwd=_ROOT, env=os.environ | variables, check=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        raise Unavailable(f"it takes long to compile; do it first: {' '.join(command)}") from None
 
 
 def compile_kernel(source: str, arch: str, toolkit: Path, folder: Path) -> Usage:

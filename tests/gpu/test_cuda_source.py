@@ -1,4 +1,4 @@
-"""The kernel of the GPU engine, compiled for the H100 without one."""
+"""The kernels of the GPU engine, compiled for the H100 without one."""
 
 from __future__ import annotations
 
@@ -35,3 +35,20 @@ def test_cuda_compiles_the_kernel(
     with capsys.disabled():
         print(f"\n{robot} {physics or 'implicitfast'}: {usage}")
     assert usage.instructions > 0
+
+
+@pytest.mark.slow
+def test_cuda_compiles_all_other_kernels_of_a_rollout(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        toolkit = cuda_source.find_toolkit()
+        sources = cuda_source.emit_rollout(tmp_path, BUILD_SECONDS)
+    except cuda_source.Unavailable as error:
+        pytest.skip(str(error))
+    assert len(sources) == 10
+    for name, source in sources.items():
+        usage = cuda_source.compile_kernel(source, ARCH, toolkit, tmp_path)
+        with capsys.disabled():
+            print(f"\n{name}: {usage}")
+        assert usage.instructions > 0

@@ -1,4 +1,4 @@
-//! The kernel as CUDA C++: what a build for CUDA would give to its compiler. No GPU is needed, nor a driver of one.
+//! The kernels as CUDA C++: what a build for CUDA would give to its compiler. No GPU is needed, nor a driver of one.
 //!
 //! Kernels that WGSL can express may be beyond CUDA C++, such as a `bool != bool`.
 
@@ -11,44 +11,94 @@ use cubecl::profile::TimingMethod;
 use cubecl::{Compiler, CubeKernel, define_kernel};
 use cubecl_cpp::shared::{CompilationOptions, CppCompiler, CppSupportedFeatures};
 use cubecl_cpp::target::Cuda;
-use dappo_lanes::{Model, Precision};
+use dappo_lanes::Model;
 
 use crate::device::THREADS;
 use crate::error::Error;
 use crate::kernel::advance::Advance;
+use crate::kernel::evaluate::Evaluate;
+use crate::networks::gather::Gather;
+use crate::networks::layer::Layer;
+use crate::networks::prepare::Prepare;
+use crate::networks::sample::Sample;
 use crate::skeleton::Skeleton;
+use crate::task::kernels::begin_episodes::BeginEpisodes;
+use crate::task::kernels::begin_step::BeginStep;
+use crate::task::kernels::end_step::EndStep;
+use crate::task::kernels::observe_placed::ObservePlaced;
+use crate::task::plan::{Places, Plan, Task};
+use crate::task::variation::vary::Vary;
+
+/// A kernel in single precision, given what follows its launch settings.
+macro_rules! kernel {
+    ($kernel:ty, $($argument:expr),*) => {{
+        let settings =
+            KernelSettings::new(*CubeDim::new_1d(THREADS as u32), ExecutionMode::Unchecked, AddressType::U32);
+        source(&<$kernel>::new(settings, Arc::new(properties()), Arc::default(), $($argument),*))
+    }};
+}
+
+fn buffer() -> BufferCompilationArg {
+    BufferCompilationArg { inplace: None }
+}
 
 /// The kernel that advances worlds of a robot, given by the models of all damage classes.
 ///
 /// # Errors
 /// If the kernel does not support the robot, or CUDA C++ cannot express the kernel.
-pub fn advance(classes: &[Model], precision: Precision) -> Result<String, Error> {
+pub fn advance(classes: &[Model]) -> Result<String, Error> {
     let shape = Skeleton::new(classes)?.shape;
-    let settings =
-        || KernelSettings::new(*CubeDim::new_1d(THREADS as u32), ExecutionMode::Unchecked, AddressType::U32);
-    let buffer = || BufferCompilationArg { inplace: None };
-    macro_rules! of {
-        ($number:ty) => {
-            source(&Advance::<$number>::new(
-                settings(),
-                Arc::new(properties()),
-                Arc::default(),
-                buffer(),
-                buffer(),
-                buffer(),
-                buffer(),
-                buffer(),
+    let b = buffer;
+    kernel!(Advance<f32>, b(), b(), b(), b(), b(), (), (), shape)
+}
+
+/// All other kernels of a rollout, with their names.
+///
+/// # Errors
+/// If the kernels do not support the robot, or CUDA C++ cannot express them.
+pub fn rollout(classes: &[Model], plan: &Plan) -> Result<Vec<(&'static str, String)>, Error> {
+    let skeleton = Skeleton::new(classes)?;
+    let task = || Task { plan: plan.clone(), places: Places::new(&skeleton) };
+    let (b, shape) = (buffer, skeleton.shape);
+    Ok(vec![
+        ("begin_episodes", {
+            kernel!(BeginEpisodes<f32>, b(), b(), b(), b(), b(), b(), b(), b(), b(), (), (), task())?
+        }),
+        ("begin_step", kernel!(BeginStep<f32>, b(), b(), b(), b(), b(), b(), b(), b(), (), (), (), task())?),
+        ("vary", kernel!(Vary<f32>, b(), b(), b(), b(), b(), (), (), task())?),
+        ("evaluate", kernel!(Evaluate<f32>, b(), b(), b(), b(), b(), b(), (), false, shape)?),
+        ("end_step", {
+            let (next, last, shown) = ((), (), ());
+            kernel!(
+                EndStep<f32>,
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                b(),
+                next,
+                last,
+                shown,
                 (),
                 (),
-                (),
-                shape,
-            ))
-        };
-    }
-    match precision {
-        Precision::F32 => of!(f32),
-        Precision::F64 => of!(f64),
-    }
+                task()
+            )?
+        }),
+        ("observe_placed", {
+            kernel!(ObservePlaced<f32>, b(), b(), b(), b(), b(), b(), b(), b(), (), (), task())?
+        }),
+        ("prepare", kernel!(Prepare, b(), b(), b(), (), (), (), (), 40, 30, 8)?),
+        ("layer", kernel!(Layer, b(), b(), b(), (), (), (), 128, 128, true)?),
+        ("sample", kernel!(Sample<f32>, b(), b(), b(), b(), b(), (), (), (), (), (), (), plan.nu())?),
+        ("gather", kernel!(Gather, b(), b(), b(), (), ())?),
+    ])
 }
 
 fn source(kernel: &dyn CubeKernel) -> Result<String, Error> {

@@ -232,6 +232,20 @@ fn envs(precision: Precision, integrator: Integrator) -> Option<Envs> {
     Some(Envs::new(&models, precision, &device, table, &keys, &keys).unwrap())
 }
 
+/// Needs no device. `DAPPO_CUDA_SOURCE` names a folder for the sources, for a compiler.
+#[cfg(feature = "cuda-source")]
+#[test]
+fn cuda_can_express_all_kernels_of_a_rollout() {
+    let healthy = robot(Integrator::Euler { implicit_damping: true }, 1);
+    let models = [healthy.clone(), damaged(&healthy)];
+    for (name, source) in dappo_gpu::cuda_source::rollout(&models, &plan(&healthy)).unwrap() {
+        assert!(source.contains("__global__"), "{name}");
+        if let Some(folder) = std::env::var_os("DAPPO_CUDA_SOURCE") {
+            std::fs::write(std::path::Path::new(&folder).join(format!("{name}.cu")), source).unwrap();
+        }
+    }
+}
+
 fn bits(collected: &Collected) -> Vec<u32> {
     let arrays = [
         &collected.obs,

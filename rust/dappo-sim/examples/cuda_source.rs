@@ -5,7 +5,6 @@
 use std::collections::HashMap;
 use std::error::Error;
 
-use dappo_lanes::Precision;
 use dappo_sim::backend::lanes::{LaneTable, ModelArrays, ModelReader, Rules};
 use serde::Deserialize;
 
@@ -59,6 +58,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     let read = |model| ModelArrays::read(model, rules);
     let models = table.models.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let table = LaneTable::compile(&models, table.main_body, &table.touch_addresses, table.disabled_touch)?;
-    let source = dappo_gpu::cuda_source::advance(table.models(), Precision::F32)?;
+    let source = dappo_gpu::cuda_source::advance(table.models())?;
     Ok(std::fs::write(kernel, source)?)
 }
