@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from dappo_batch import make_vec
-from dappo_batch._core import ConfigError, LaneWorlds
+from dappo_batch._core import ConfigError, LaneWorlds, collect_rollout
 from dappo_batch.model import compile_class_table
 
 from ..parity.states import of_all_classes, relative_error
@@ -18,11 +18,11 @@ from ..processes import DAPPO_BATCH, run
 from .scale import Scale
 from .training import pytest_summary
 
-__all__ = ["agreement", "lanes", "speed"]
+__all__ = ["agreement", "lanes", "rollouts", "speed"]
 
 _TOLERANCES = {"f32": 1e-4, "f64": 1e-10}
 _PARITY = tuple(
-    Path(__file__).parent.parent / f"parity/test_gpu_{name}.py" for name in ("physics", "backend")
+    Path(__file__).parent.parent / f"parity/test_gpu_{name}.py" for name in ("physics", "backend", "rollouts")
 )
 
 
@@ -92,3 +92,25 @@ def speed(scale: Scale, _: float) -> Iterator[dict[str, Any]]:
         rate = num_envs * steps / (perf_counter() - begin)
         yield row | {"steps_per_second": round(rate), "start_seconds": begin - start}
         envs.close()
+
+
+def rollouts(scale: Scale, _: float) -> Iterator[dict[str, Any]]:
+    """Time more steps of a rollout in the kernels, policy and copies to the host included."""
+    for (robot, physics), num_envs in product(scale.robots, scale.num_envs):
+        options: dict[str, Any] = {"robot": robot, "num_envs": num_envs, "seed": 0, "device": "gpu"}
+        options |= {"physics": physics} if physics else {}
+
+        def seconds(horizon: int, options: dict[str, Any] = options) -> float:
+            start = perf_counter()
+            collect_rollout(**options, set={"horizon": horizon})
+            return perf_counter() - start
+
+        first = seconds(scale.horizon)
+        short, long = seconds(scale.horizon), seconds(3 * scale.horizon)
+        yield {
+            "robot": robot,
+            "physics": physics or "own",
+            "num_envs": num_envs,
+            "steps_per_second": round(2 * scale.horizon * num_envs / max(long - short, 1e-9)),
+            "start_seconds": first,
+        }

@@ -14,7 +14,7 @@ from dappo_batch._core import gpu_device
 from .__main__ import main
 from .phase import PHASES
 
-ENGINE = ["agreement", "speed", "healthy_gpu", "dappo_gpu"]
+ENGINE = ["agreement", "speed", "rollouts", "healthy_gpu", "dappo_gpu"]
 WARP = ["warp_speed", "warp_correctness", "warp_tests"]
 
 
@@ -59,7 +59,8 @@ def test_the_gpu_engine_is_compared_timed_and_trains(tmp_path: Path, monkeypatch
     *forces, tests = found["agreement"]
     assert [row["precision"] for row in forces] == ["f32", "f64"] * 2
     assert " passed" in tests["summary"]
-    assert [row["num_envs"] for row in found["speed"]] == [2, 4]
+    for phase in ("speed", "rollouts"):
+        assert [row["num_envs"] for row in found[phase]] == [2, 4]
     for phase in ("healthy_gpu", "dappo_gpu"):
         assert [(row["exit_code"], row["env_steps"]) for row in found[phase]] == [(0, 128)]
 
