@@ -13,12 +13,14 @@ if [ ! -d "$site" ]; then
     cat "$parts"/part*/bundle.* | tar xf - -C "$parts"
     wheels=$parts/bundle/wheels
     # pip runs from its own wheel: some images have none.
-    "$python" "$wheels"/pip-*.whl/pip install --quiet --no-index --find-links "$wheels" --target "$site.new" \
-        'dappo-batch[gpu]' pytest
+    pip=("$wheels"/pip-*.whl)
+    rm -rf "$site.new"
+    "$python" "${pip[0]}/pip" install --quiet --root-user-action ignore --no-compile --no-index \
+        --find-links "$wheels" --target "$site.new" 'dappo-batch[gpu]' pytest
     mv "$site.new" "$site"
 fi
 # Vulkan's loader, where the system has none.
-if ! ldconfig -p | grep -q 'libvulkan\.so\.1'; then
+if ! PATH=$PATH:/sbin ldconfig -p | grep -q 'libvulkan\.so\.1'; then
     for deb in "$parts"/bundle/debs/*.deb; do dpkg -x "$deb" "$parts/system"; done
     export LD_LIBRARY_PATH=$parts/system/usr/lib/x86_64-linux-gnu:${LD_LIBRARY_PATH:-}
 fi
