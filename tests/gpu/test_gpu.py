@@ -56,9 +56,13 @@ def test_the_gpu_engine_is_compared_timed_and_trains(tmp_path: Path, monkeypatch
     except ConfigError as error:
         pytest.skip(str(error))
     found = check(tmp_path, "machine", *ENGINE)
-    *forces, tests = found["agreement"]
+    forces, tests = found["agreement"][:4], found["agreement"][4:]
     assert [row["precision"] for row in forces] == ["f32", "f64"] * 2
-    assert " passed" in tests["summary"]
+    assert [(row["tests"], " passed" in row["summary"]) for row in tests] == [
+        ("physics", True),
+        ("backend", True),
+        ("rollouts", True),
+    ]
     for phase in ("speed", "rollouts"):
         assert [row["num_envs"] for row in found[phase]] == [2, 4]
     for phase in ("healthy_gpu", "dappo_gpu"):
