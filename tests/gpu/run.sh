@@ -20,7 +20,7 @@ if [ ! -d "$site" ]; then
     mv "$site.new" "$site"
 fi
 # Vulkan's loader, where the system has none.
-if ! PATH=$PATH:/sbin ldconfig -p | grep -q 'libvulkan\.so\.1'; then
+if ! PATH=$PATH:/sbin ldconfig -p | grep 'libvulkan\.so\.1' >/dev/null; then
     for deb in "$parts"/bundle/debs/*.deb; do dpkg -x "$deb" "$parts/system"; done
     export LD_LIBRARY_PATH=$parts/system/usr/lib/x86_64-linux-gnu:${LD_LIBRARY_PATH:-}
 fi
