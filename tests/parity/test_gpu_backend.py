@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import ClassTable, ConfigError
-from dappo_batch._core import gpu_device
+from dappo_batch import ClassTable
+
+pytestmark = pytest.mark.usefixtures("gpu")
 
 COUNT = 40
-
-
-@pytest.fixture(autouse=True)
-def _device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(os.environ, "DAPPO_GPU_SOFTWARE", "1")
-    try:
-        gpu_device()
-    except ConfigError as error:
-        pytest.skip(str(error))
 
 
 def episodes(table: ClassTable | str, device: str, steps: int, **options: object) -> list[np.ndarray]:

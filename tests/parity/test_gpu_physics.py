@@ -6,28 +6,19 @@ build without the feature `gpu`, and where there is no device at all.
 
 from __future__ import annotations
 
-import os
-
 import mujoco
 import numpy as np
 import pytest
 
-from dappo_batch import ClassTable, ConfigError, compile_class_table
-from dappo_batch._core import LaneWorlds, gpu_device
+from dappo_batch import ClassTable, compile_class_table
+from dappo_batch._core import LaneWorlds
 
 from .states import KINDS, converged, of_all_classes, relative_error
 
+pytestmark = pytest.mark.usefixtures("gpu")
+
 STATES_A_CLASS = 4
 """States of each kind for each class."""
-
-
-@pytest.fixture(autouse=True)
-def _device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(os.environ, "DAPPO_GPU_SOFTWARE", "1")
-    try:
-        gpu_device()
-    except ConfigError as error:
-        pytest.skip(str(error))
 
 
 def worlds(table: ClassTable, classes: np.ndarray, precision: str = "f64") -> LaneWorlds:

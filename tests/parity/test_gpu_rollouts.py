@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -10,24 +9,16 @@ import numpy as np
 import pytest
 
 import dappo_batch
-from dappo_batch import ConfigError
-from dappo_batch._core import collect_rollout, gpu_device
+from dappo_batch._core import collect_rollout
 
 from ..python.burnpack import checkpoint_contents
 from ..python.command_line import dappo_batch as command_line
 from ..python.command_line import metrics
 
+pytestmark = pytest.mark.usefixtures("gpu")
+
 ROBOTS = Path(dappo_batch.__file__).parent / "robots"
 ENVS = 24
-
-
-@pytest.fixture(autouse=True)
-def _device(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(os.environ, "DAPPO_GPU_SOFTWARE", "1")
-    try:
-        gpu_device()
-    except ConfigError as error:
-        pytest.skip(str(error))
 
 
 def rollouts(

@@ -8,10 +8,10 @@ use super::random::purpose;
 use super::scene::{Env, clock};
 use crate::math::lit;
 
-/// Which constants the physics of each env has: `rows`, `[envs]`, rows of the table of constants. Those of damage
-/// classes and their variants come first, then one row an env, for envs that have constants of their own.
-///
 /// Gives an env a damage class, whose joints jam where they are.
+///
+/// `rows`, `[envs]`, says which row of the table of constants the physics of each env has. Those of damage classes and
+/// their variants come first, then one row an env, `own`, for envs that have constants of their own.
 #[cube]
 pub fn give_class<F: Float>(
     state: &[F],
