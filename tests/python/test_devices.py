@@ -166,12 +166,12 @@ def test_errors_of_the_device_contain_a_remedy(error: Exception, message: str) -
     assert devices.explain(error).startswith(message)
 
 
-@pytest.mark.parametrize("name", ["gpu", "wgpu"])
+@pytest.mark.parametrize("learner", [("--learner", "gpu"), ("--set", "ppo.device=wgpu")])
 def test_a_learner_that_this_build_lacks_is_rejected_before_there_is_a_run_folder(
-    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    learner: tuple[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Earlier versions called it wgpu."""
+    """Runs of earlier versions name it wgpu."""
     run = tmp_path / "run"
-    assert run_cli(["train", "--learner", name, "--run", str(run)]) == 1
+    assert run_cli(["train", "--run", str(run), *learner]) == 1
     assert "build with the feature `gpu`" in capfd.readouterr().err
     assert not run.exists()

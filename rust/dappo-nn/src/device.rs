@@ -22,9 +22,8 @@ pub enum LearnerDevice {
     /// The CPU, with operations made for networks as small as these.
     #[default]
     Cpu,
-    /// A GPU of any maker by way of Vulkan or Metal, with burn's own operations. Earlier versions called it `wgpu`.
+    /// A GPU of any maker by way of Vulkan or Metal, with burn's own operations. Runs of earlier versions name it `wgpu`.
     #[serde(alias = "wgpu")]
-    #[strum(to_string = "gpu", serialize = "wgpu")]
     Gpu,
 }
 
