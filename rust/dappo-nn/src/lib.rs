@@ -42,7 +42,7 @@ pub use mlp::{FrozenMlp, Mlp};
 pub use normalizer::{CLIP, Normalizer};
 pub use policy::Policy;
 pub use standardizer::Standardizer;
-pub use symmetry::{GradientSymmetry, MlpSymmetry, PolicySymmetry};
+pub use symmetry::{MlpSymmetry, PolicySymmetry};
 
 /// ln √(2π), the constant of a normal log-density.
 pub const LN_SQRT_TAU: f64 = 0.918_938_533_204_672_7;

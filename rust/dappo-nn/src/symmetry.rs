@@ -7,17 +7,11 @@
 //! images together. See Abdolhosseini et al. (2019), "On learning symmetric locomotion".
 
 use burn::optim::GradientsParams;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use dappo_sim::task::{Image, Reflection};
 
 use crate::error::Result;
 use crate::{GaussianPolicy, Mlp, read};
-
-/// How a net or its gradients are made their own mirror image.
-pub trait GradientSymmetry<Net>: Sync {
-    /// Replaces gradients by the averages with their mirror images.
-    fn average(&self, net: &Net, gradients: &mut GradientsParams) -> Result<()>;
-}
 
 /// The symmetry of an [`Mlp`].
 #[derive(Debug, Clone)]
@@ -52,12 +46,26 @@ impl MlpSymmetry {
         self.levels.iter().map(Reflection::len).collect()
     }
 
+    /// The reflections of the input, of the units of each hidden layer, and of the output.
+    #[must_use]
+    pub fn levels(&self) -> &[Reflection] {
+        &self.levels
+    }
+
     /// Gives the second weight of each pair of mirror images the value of the first one.
     ///
     /// # Shapes
     /// parameters as [`Mlp::parameters`] lays them out
     pub fn impose(&self, parameters: &mut [f32]) {
         self.each_pair(parameters, |first, _, sign| [first, sign * first]);
+    }
+
+    /// Replaces gradients by the averages with their mirror images.
+    pub fn average(&self, net: &Mlp, gradients: &mut GradientsParams) -> Result<()> {
+        let mut gradient = net.take_gradient(gradients)?;
+        self.average_flat(&mut gradient);
+        net.register_gradient(&gradient, gradients);
+        Ok(())
     }
 
     /// Replaces both weights of each pair of mirror images by their average.
@@ -115,15 +123,6 @@ fn each_pair_of_layer(
     }
 }
 
-impl GradientSymmetry<Mlp> for MlpSymmetry {
-    fn average(&self, net: &Mlp, gradients: &mut GradientsParams) -> Result<()> {
-        let mut gradient = net.take_gradient(gradients)?;
-        self.average_flat(&mut gradient);
-        net.register_gradient(&gradient, gradients);
-        Ok(())
-    }
-}
-
 impl PolicySymmetry {
     /// The symmetry of a policy with hidden layers of these widths.
     #[must_use]
@@ -136,30 +135,37 @@ impl PolicySymmetry {
     pub fn mean(&self) -> &MlpSymmetry {
         &self.mean
     }
-}
 
-impl GradientSymmetry<GaussianPolicy> for PolicySymmetry {
-    fn average(&self, policy: &GaussianPolicy, gradients: &mut GradientsParams) -> Result<()> {
+    /// Replaces gradients by the averages with their mirror images.
+    pub fn average(&self, policy: &GaussianPolicy, gradients: &mut GradientsParams) -> Result<()> {
         self.mean.average(&policy.mean, gradients)?;
         if let Some(gradient) = gradients.remove::<1>(policy.log_std.id) {
             let device = gradient.device();
-            let values = read(gradient)?;
-            let images = self.action.entries().iter().map(|image| values[image.of]);
-            let mean: Vec<f32> = values.iter().zip(images).map(|(x, image)| 0.5 * (x + image)).collect();
-            let data = TensorData::new(mean, [values.len()]);
-            gradients.register(policy.log_std.id, Tensor::<1>::from_data(data, &device));
+            let mean = self.average_log_std(&read(gradient)?);
+            gradients.register(policy.log_std.id, Tensor::<1>::from_data(mean.as_slice(), &device));
         }
         Ok(())
+    }
+
+    /// The average of a gradient of the standard deviations and its mirror image.
+    ///
+    /// # Shapes
+    /// gradient `[A]`; returns `[A]`
+    #[must_use]
+    pub fn average_log_std(&self, gradient: &[f32]) -> Vec<f32> {
+        let images = self.action.entries().iter().map(|image| gradient[image.of]);
+        gradient.iter().zip(images).map(|(x, image)| 0.5 * (x + image)).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
+    use burn::tensor::{Device, TensorData};
     use dappo_sim::rng::{Purpose, Stream};
 
     use super::*;
     use crate::FrozenMlp;
+    use crate::kernels::{Level, MlpPass, parameter_count};
 
     /// Entries 0 and 1 take each other's place, 2 changes its sign, 3 and 4 stay.
     fn input() -> Reflection {
@@ -190,7 +196,7 @@ mod tests {
         for hidden in [&[6, 8][..], &[7], &[1, 5], &[]] {
             let symmetry = MlpSymmetry::new(input(), hidden, output());
             let sizes = symmetry.sizes();
-            let count = crate::kernels::parameter_count(&sizes).unwrap();
+            let count = parameter_count(&sizes).unwrap();
             let mut parameters = normals(count, 3);
             symmetry.impose(&mut parameters);
             let imposed = parameters.clone();
@@ -205,6 +211,50 @@ mod tests {
             let expected = reflected(&output(), &net.apply(&rows).unwrap());
             for (got, expected) in got.iter().zip(&expected) {
                 assert!((got - expected).abs() < 1e-5, "{hidden:?}: {got}, expected {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn passes_of_half_the_operations_give_the_outputs_and_the_average_gradient_at_every_level() {
+        let one = Reflection::identity(1);
+        for (hidden, output) in
+            [(&[6, 8][..], output()), (&[7, 5], output()), (&[1, 40], one), (&[], output())]
+        {
+            let symmetry = MlpSymmetry::new(input(), hidden, output);
+            let sizes = symmetry.sizes();
+            let mut parameters = normals(parameter_count(&sizes).unwrap(), 3);
+            symmetry.impose(&mut parameters);
+            let outputs = sizes[sizes.len() - 1];
+            for count in [1, 37, 300, 700] {
+                let (rows, targets) = (normals(5 * count, 4), normals(outputs * count, 5));
+                let order: Vec<i32> = (0..count as i32).rev().collect();
+                let run = |mut pass: MlpPass| {
+                    let (out, gradient) =
+                        pass.gradient(&parameters, rows.as_slice(), &order, |rows, out, gradient| {
+                            for (row, gradient) in rows.iter().zip(gradient.chunks_exact_mut(outputs)) {
+                                gradient.copy_from_slice(&targets[*row as usize * outputs..][..outputs]);
+                            }
+                            out.to_vec()
+                        });
+                    (out.concat(), gradient.to_vec())
+                };
+                for level in Level::available() {
+                    let (expected_out, mut expected) = run(MlpPass::new(level, sizes.clone()));
+                    symmetry.average_flat(&mut expected);
+                    let (out, mut gradient) = run(MlpPass::mirrored(level, symmetry.levels()));
+                    for (got, expected) in [(&out, &expected_out), (&gradient, &expected)] {
+                        assert_eq!(got.len(), expected.len());
+                        let scale = expected.iter().fold(0.0_f32, |scale, x| scale.max(x.abs()));
+                        for (got, expected) in got.iter().zip(expected) {
+                            let error = (got - expected).abs();
+                            assert!(error < 2e-6 * scale, "{level:?} {sizes:?} {count}: {got}, {expected}");
+                        }
+                    }
+                    let exact = gradient.clone();
+                    symmetry.average_flat(&mut gradient);
+                    assert_eq!(gradient, exact, "the gradient is its own average to the last bit");
+                }
             }
         }
     }

@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::Tensor;
 use dappo_nn::minibatch::shuffled;
-use dappo_nn::{GaussianPolicy, GradientSymmetry, Mlp, scalar};
+use dappo_nn::{GaussianPolicy, Mlp, scalar};
 use dappo_sim::rng::Stream;
 
 use super::PpoConfig;
@@ -15,7 +15,8 @@ pub(super) trait Problem<Net> {
     /// Rows of the batch.
     fn rows(&self) -> usize;
 
-    /// The loss of `net` on a minibatch, `[1]`, and its gradients.
+    /// The loss of `net` on a minibatch, `[1]`, and its gradients: for a net that is its own mirror image averaged with their
+    /// mirror images, so that it stays one.
     fn gradients(&mut self, net: &Net, minibatch: Vec<i32>) -> Result<(Tensor<1>, GradientsParams)>;
 }
 
@@ -38,8 +39,6 @@ pub(super) struct Descent<'a, Net> {
     pub net: &'a mut Net,
     pub optimizer: &'a mut ModuleOptimizer,
     pub learning_rate: f64,
-    /// What keeps the network its own mirror image, if it is.
-    pub symmetry: Option<&'a dyn GradientSymmetry<Net>>,
 }
 
 impl<Net: Module> Descent<'_, Net> {
@@ -54,10 +53,7 @@ impl<Net: Module> Descent<'_, Net> {
         let count = minibatches.len() as f64;
         let mut sum: Option<Tensor<1>> = None;
         for minibatch in minibatches {
-            let (loss, mut gradients) = problem.gradients(self.net, minibatch)?;
-            if let Some(symmetry) = self.symmetry {
-                symmetry.average(self.net, &mut gradients)?;
-            }
+            let (loss, gradients) = problem.gradients(self.net, minibatch)?;
             sum = Some(match sum {
                 Some(sum) => sum + loss,
                 None => loss,

@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use dappo_nn::{GaussianPolicy, Mlp, scalar};
+use dappo_nn::{GaussianPolicy, Mlp, MlpSymmetry, PolicySymmetry, scalar};
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Distance, PolicyProblem, Problem};
@@ -44,8 +44,9 @@ impl Rows {
 }
 
 /// The policy's problem.
-pub(super) struct RecordedPolicy {
+pub(super) struct RecordedPolicy<'a> {
     objective: Objective,
+    symmetry: Option<&'a PolicySymmetry>,
     device: Device,
     old_log_std: Tensor<1>,
     batch: Rows,
@@ -53,14 +54,21 @@ pub(super) struct RecordedPolicy {
     probe: Rows,
 }
 
-impl RecordedPolicy {
-    /// The problem of moving on from `old`, which collected the batch; `probe` lists the rows that distances
-    /// are measured on.
-    pub fn new(objective: Objective, old: &GaussianPolicy, batch: &PolicyBatch, probe: Vec<i32>) -> Self {
+impl<'a> RecordedPolicy<'a> {
+    /// The problem of moving on from `old`, which collected the batch and may be its own mirror image; `probe` lists the rows
+    /// that distances are measured on.
+    pub fn new(
+        objective: Objective,
+        old: &GaussianPolicy,
+        symmetry: Option<&'a PolicySymmetry>,
+        batch: &PolicyBatch,
+        probe: Vec<i32>,
+    ) -> Self {
         let device = old.mean.device().without_autodiff();
         let batch = Rows::new(batch, &device);
         Self {
             objective,
+            symmetry,
             old_log_std: old.valid().log_std.val(),
             probe: batch.select(&indices(probe, &device)),
             device,
@@ -69,7 +77,7 @@ impl RecordedPolicy {
     }
 }
 
-impl Problem<GaussianPolicy> for RecordedPolicy {
+impl Problem<GaussianPolicy> for RecordedPolicy<'_> {
     fn rows(&self) -> usize {
         self.batch.obs.dims()[0]
     }
@@ -87,11 +95,15 @@ impl Problem<GaussianPolicy> for RecordedPolicy {
         let kl = kl_divergence(batch.means, self.old_log_std.clone(), mean, log_std);
         let penalty = kl_penalty(kl, kl_coef, kl_target, kl_hinge);
         let loss = penalty - surrogate(ratio, batch.advantages, clip_range);
-        Ok((loss.clone().without_autodiff(), GradientsParams::from_grads(loss.backward(), policy)))
+        let mut gradients = GradientsParams::from_grads(loss.backward(), policy);
+        if let Some(symmetry) = self.symmetry {
+            symmetry.average(policy, &mut gradients)?;
+        }
+        Ok((loss.without_autodiff(), gradients))
     }
 }
 
-impl PolicyProblem for RecordedPolicy {
+impl PolicyProblem for RecordedPolicy<'_> {
     fn distance(&mut self, policy: &GaussianPolicy) -> Result<Distance> {
         let (batch, policy) = (&self.probe, policy.valid());
         let (mean, log_std) = (policy.mean.forward(batch.obs.clone()), policy.log_std.val());
@@ -104,17 +116,19 @@ impl PolicyProblem for RecordedPolicy {
 }
 
 /// The value net's problem.
-pub(super) struct RecordedValue {
+pub(super) struct RecordedValue<'a> {
+    symmetry: Option<&'a MlpSymmetry>,
     device: Device,
     obs: Tensor<2>,
     returns: Tensor<2>,
 }
 
-impl RecordedValue {
-    /// The problem of predicting the returns of a batch on `device`.
-    pub fn new(batch: &ValueBatch, device: &Device) -> Self {
+impl<'a> RecordedValue<'a> {
+    /// The problem of predicting the returns of a batch on `device`, with a net that may be its own mirror image.
+    pub fn new(symmetry: Option<&'a MlpSymmetry>, batch: &ValueBatch, device: &Device) -> Self {
         let device = device.clone().without_autodiff();
         Self {
+            symmetry,
             obs: matrix(&batch.obs, batch.rows(), &device),
             returns: matrix(&batch.returns, batch.rows(), &device),
             device,
@@ -122,7 +136,7 @@ impl RecordedValue {
     }
 }
 
-impl Problem<Mlp> for RecordedValue {
+impl Problem<Mlp> for RecordedValue<'_> {
     fn rows(&self) -> usize {
         self.returns.dims()[0]
     }
@@ -131,7 +145,11 @@ impl Problem<Mlp> for RecordedValue {
         let rows = indices(minibatch, &self.device);
         let take = |tensor: &Tensor<2>| tensor.clone().select(0, rows.clone());
         let loss = (value.forward(take(&self.obs)) - take(&self.returns)).square().mean();
-        Ok((loss.clone().without_autodiff(), GradientsParams::from_grads(loss.backward(), value)))
+        let mut gradients = GradientsParams::from_grads(loss.backward(), value);
+        if let Some(symmetry) = self.symmetry {
+            symmetry.average(value, &mut gradients)?;
+        }
+        Ok((loss.without_autodiff(), gradients))
     }
 }
 

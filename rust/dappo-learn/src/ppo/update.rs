@@ -2,7 +2,7 @@
 
 use dappo_nn::error::check_length;
 use dappo_nn::minibatch::evenly_spaced;
-use dappo_nn::{GradientSymmetry, Gradients, Mlp, NnError, unprivileged};
+use dappo_nn::{Gradients, Mlp, NnError, unprivileged};
 use dappo_sim::rng::{Purpose, Stream};
 
 use super::batch::{PolicyBatch, ValueBatch};
@@ -72,31 +72,37 @@ impl Ppo {
             learning_rate: schedule * self.policy_learning_rate(),
             net: &mut self.actor_critic.policy,
             optimizer: &mut self.policy_optimizer,
-            symmetry: mirror.map(|mirror| &mirror.policy as &dyn GradientSymmetry<_>),
         };
         let value = Descent {
             learning_rate: schedule * self.config.value_learning_rate,
             net: &mut self.actor_critic.value,
             optimizer: &mut self.value_optimizer,
-            symmetry: mirror.map(|mirror| &mirror.value as &dyn GradientSymmetry<_>),
         };
         let (config, previous, device) = (&self.config, self.previous.as_ref(), &self.device);
         let gradients = config.gradients();
         let (policy, value_loss) = rayon::join(
             move || {
                 let (batch, probe) = (policy_batch, evenly_spaced(policy_batch.rows(), PROBE_ROWS));
+                let symmetry = mirror.map(|mirror| &mirror.policy);
                 let mut problem: Box<dyn PolicyProblem> = match gradients {
-                    Gradients::Written => Box::new(WrittenPolicy::new(objective, policy.net, batch, probe)?),
-                    Gradients::Recorded => Box::new(RecordedPolicy::new(objective, policy.net, batch, probe)),
+                    Gradients::Written => {
+                        Box::new(WrittenPolicy::new(objective, policy.net, symmetry, batch, probe)?)
+                    }
+                    Gradients::Recorded => {
+                        Box::new(RecordedPolicy::new(objective, policy.net, symmetry, batch, probe))
+                    }
                 };
                 policy.run(problem.as_mut(), config, shuffle)
             },
             move || {
+                let symmetry = mirror.map(|mirror| &mirror.value);
                 let mut problem: Box<dyn Problem<Mlp>> = match gradients {
                     Gradients::Written => {
-                        Box::new(WrittenValue::new(value_batch, previous, value.net.sizes()))
+                        Box::new(WrittenValue::new(value.net, symmetry, value_batch, previous))
                     }
-                    Gradients::Recorded => Box::new(RecordedValue::new(&value_batch.union(previous), device)),
+                    Gradients::Recorded => {
+                        Box::new(RecordedValue::new(symmetry, &value_batch.union(previous), device))
+                    }
                 };
                 value.run(problem.as_mut(), config, value_shuffle)
             },

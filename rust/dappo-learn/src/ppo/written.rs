@@ -3,7 +3,7 @@
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use dappo_nn::kernels::{Inputs, Level, MlpPass};
-use dappo_nn::{GaussianPolicy, Mlp, cpu, read};
+use dappo_nn::{GaussianPolicy, Mlp, MlpSymmetry, PolicySymmetry, cpu, read};
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Distance, PolicyProblem, Problem};
@@ -14,6 +14,7 @@ use crate::error::Result;
 /// The policy's problem.
 pub(super) struct WrittenPolicy<'a> {
     objective: Objective,
+    symmetry: Option<&'a PolicySymmetry>,
     batch: &'a PolicyBatch<'a>,
     /// The rows that distances are measured on.
     probe: Vec<i32>,
@@ -22,22 +23,18 @@ pub(super) struct WrittenPolicy<'a> {
 }
 
 impl<'a> WrittenPolicy<'a> {
-    /// The problem of moving on from `old`, which collected the batch; `probe` lists the rows that distances
-    /// are measured on.
+    /// The problem of moving on from `old`, which collected the batch and may be its own mirror image; `probe` lists the rows
+    /// that distances are measured on.
     pub fn new(
         objective: Objective,
         old: &GaussianPolicy,
+        symmetry: Option<&'a PolicySymmetry>,
         batch: &'a PolicyBatch<'a>,
         probe: Vec<i32>,
     ) -> Result<Self> {
         let old_log_std = read(old.log_std.val())?;
-        Ok(Self {
-            objective,
-            batch,
-            probe,
-            pass: MlpPass::new(Level::chosen(), old.mean.sizes()),
-            old_log_std,
-        })
+        let pass = pass(&old.mean, symmetry.map(PolicySymmetry::mean));
+        Ok(Self { objective, symmetry, batch, probe, pass, old_log_std })
     }
 
     fn gaussian(&self, policy: &GaussianPolicy) -> Result<Gaussian> {
@@ -85,6 +82,9 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
         for sums in &sums {
             log_std_gradient.iter_mut().zip(&sums.log_std_gradient).for_each(|(sum, x)| *sum += x);
         }
+        if let Some(symmetry) = self.symmetry {
+            log_std_gradient = symmetry.average_log_std(&log_std_gradient);
+        }
         let mut gradients = GradientsParams::new();
         policy.mean.register_gradient(&gradient, &mut gradients);
         gradients.register(policy.log_std.id, vector(&log_std_gradient));
@@ -114,13 +114,19 @@ pub(super) struct WrittenValue<'a> {
 }
 
 impl<'a> WrittenValue<'a> {
-    /// The problem of predicting the returns of a batch, and of one before it, with a net of these sizes.
-    pub fn new(batch: &'a ValueBatch, previous: Option<&'a ValueBatch>, sizes: Vec<usize>) -> Self {
+    /// The problem of predicting the returns of a batch, and of one before it, with `value`, which may be its own mirror
+    /// image.
+    pub fn new(
+        value: &Mlp,
+        symmetry: Option<&MlpSymmetry>,
+        batch: &'a ValueBatch,
+        previous: Option<&'a ValueBatch>,
+    ) -> Self {
         let (obs, returns) = previous.map_or((&[][..], &[][..]), |batch| (&batch.obs, &batch.returns));
         Self {
             obs: Inputs::of_two(&batch.obs, obs),
             returns: [&batch.returns, returns].concat(),
-            pass: MlpPass::new(Level::chosen(), sizes),
+            pass: pass(value, symmetry),
         }
     }
 }
@@ -148,6 +154,14 @@ impl Problem<Mlp> for WrittenValue<'_> {
     }
 }
 
+/// Passes through a net and back.
+fn pass(net: &Mlp, symmetry: Option<&MlpSymmetry>) -> MlpPass {
+    match symmetry {
+        None => MlpPass::new(Level::chosen(), net.sizes()),
+        Some(symmetry) => MlpPass::mirrored(Level::chosen(), symmetry.levels()),
+    }
+}
+
 fn vector(values: &[f32]) -> Tensor<1> {
     Tensor::from_data(values, &cpu())
 }
@@ -156,6 +170,7 @@ fn vector(values: &[f32]) -> Tensor<1> {
 mod tests {
     use burn::tensor::Device;
     use dappo_sim::rng::{Purpose, Stream};
+    use dappo_sim::task::{Image, Reflection};
 
     use super::super::recorded::{RecordedPolicy, RecordedValue};
     use super::*;
@@ -164,6 +179,7 @@ mod tests {
     const ROWS: usize = 700;
     const OBS: usize = 11;
     const ACTIONS: usize = 3;
+    const HIDDEN: [usize; 2] = [20, 30];
     /// A KL divergence far above 2 d*, so that the hinge takes part.
     const OBJECTIVE: Objective = Objective { clip_range: 0.2, kl_coef: 1.7, kl_target: 0.01, kl_hinge: 50.0 };
 
@@ -175,8 +191,7 @@ mod tests {
     fn networks() -> ActorCritic {
         let mut stream = Stream::new(2, 0, Purpose::Weights);
         let device = Device::flex().autodiff();
-        let mut networks =
-            ActorCritic::new(OBS, 0, &[20, 30], ACTIONS, -0.5, &mut || stream.normal(), &device);
+        let mut networks = ActorCritic::new(OBS, 0, &HIDDEN, ACTIONS, -0.5, &mut || stream.normal(), &device);
         // The last layer of a new policy is small; a policy that has learned differs between observations.
         let last = networks.policy.mean.layers.len() - 1;
         let layer = &mut networks.policy.mean.layers[last];
@@ -201,6 +216,15 @@ mod tests {
         }
     }
 
+    /// Neighbours take each other's place with a sign of their own, and the last entry changes its sign.
+    fn reflection(length: usize) -> Reflection {
+        let image = |entry: usize| match entry {
+            last if last + 1 == length => Image { of: last, sign: -1.0 },
+            entry => Image { of: entry ^ 1, sign: if entry % 4 < 2 { -1.0 } else { 1.0 } },
+        };
+        Reflection::new((0..length).map(image).collect())
+    }
+
     fn minibatch() -> Vec<i32> {
         (0..ROWS as i32).rev().step_by(2).collect()
     }
@@ -208,17 +232,29 @@ mod tests {
     #[test]
     fn loss_gradients_and_distance_of_the_policy_equal_those_of_autodiff() {
         let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().map(|x| x - 2.5).collect();
-        assert_equal_to_autodiff(&log_probs);
+        assert_equal_to_autodiff(&log_probs, false);
+    }
+
+    #[test]
+    fn so_they_do_for_networks_that_are_their_own_mirror_images() {
+        let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().map(|x| x - 2.5).collect();
+        assert_equal_to_autodiff(&log_probs, true);
     }
 
     #[test]
     fn they_are_finite_and_equal_where_ratios_are_bounded() {
         let old = |(row, x): (usize, &f32)| x - if row % 5 == 0 { 300.0 } else { 2.5 };
         let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().enumerate().map(old).collect();
-        assert_equal_to_autodiff(&log_probs);
+        assert_equal_to_autodiff(&log_probs, false);
     }
 
-    fn assert_equal_to_autodiff(log_probs: &[f32]) {
+    fn imposed(net: &Mlp, symmetry: &MlpSymmetry) -> Mlp {
+        let mut parameters = net.parameters().unwrap();
+        symmetry.impose(&mut parameters);
+        net.clone().with_parameters(&parameters)
+    }
+
+    fn assert_equal_to_autodiff(log_probs: &[f32], is_mirrored: bool) {
         let obs = normals(ROWS * OBS, 1.0, 3);
         let means = normals(ROWS * ACTIONS, 0.4, 4);
         let noise = normals(ROWS * ACTIONS, 0.6, 5);
@@ -226,9 +262,14 @@ mod tests {
         let advantages = normals(ROWS, 1.0, 7);
         let batch = PolicyBatch { obs: &obs, actions: &actions, means: &means, log_probs, advantages };
         let probe: Vec<i32> = (0..ROWS as i32).step_by(3).collect();
-        let old = networks().policy;
-        let mut written = WrittenPolicy::new(OBJECTIVE, &old, &batch, probe.clone()).unwrap();
-        let mut recorded = RecordedPolicy::new(OBJECTIVE, &old, &batch, probe);
+        let mut old = networks().policy;
+        let symmetry = PolicySymmetry::new(reflection(OBS), &HIDDEN, reflection(ACTIONS));
+        let symmetry = is_mirrored.then_some(&symmetry);
+        if let Some(symmetry) = symmetry {
+            old.mean = imposed(&old.mean, symmetry.mean());
+        }
+        let mut written = WrittenPolicy::new(OBJECTIVE, &old, symmetry, &batch, probe.clone()).unwrap();
+        let mut recorded = RecordedPolicy::new(OBJECTIVE, &old, symmetry, &batch, probe);
         // Another policy than the old one, in its standard deviations too.
         let (_, gradients) = recorded.gradients(&old, minibatch()).unwrap();
         let policy = adam(1e-5, Gradients::Written).step(0.1, old.clone(), gradients);
@@ -253,18 +294,24 @@ mod tests {
 
     #[test]
     fn loss_and_gradients_of_the_value_net_equal_those_of_autodiff() {
+        let symmetry = MlpSymmetry::new(reflection(OBS), &HIDDEN, Reflection::identity(1));
         let value = networks().value;
+        assert_value_equal_to_autodiff(&value, None);
+        assert_value_equal_to_autodiff(&imposed(&value, &symmetry), Some(&symmetry));
+    }
+
+    fn assert_value_equal_to_autodiff(value: &Mlp, symmetry: Option<&MlpSymmetry>) {
         let batch = |rows: usize, seed| ValueBatch {
             obs: normals(rows * OBS, 1.0, seed),
             returns: normals(rows, 2.0, seed + 1),
         };
         let (batch, previous) = (batch(ROWS - 300, 3), batch(300, 5));
-        let mut written = WrittenValue::new(&batch, Some(&previous), value.sizes());
-        let mut recorded = RecordedValue::new(&batch.union(Some(&previous)), &value.device());
-        let (loss, gradients) = written.gradients(&value, minibatch()).unwrap();
-        let (expected_loss, expected) = recorded.gradients(&value, minibatch()).unwrap();
+        let mut written = WrittenValue::new(value, symmetry, &batch, Some(&previous));
+        let mut recorded = RecordedValue::new(symmetry, &batch.union(Some(&previous)), &value.device());
+        let (loss, gradients) = written.gradients(value, minibatch()).unwrap();
+        let (expected_loss, expected) = recorded.gradients(value, minibatch()).unwrap();
         let (loss, expected_loss) = (scalar(loss).unwrap(), scalar(expected_loss).unwrap());
         assert!((loss - expected_loss).abs() < 1e-5 * expected_loss, "{loss}, expected {expected_loss}");
-        assert_near(&flat(&value, &gradients), &flat(&value, &expected));
+        assert_near(&flat(value, &gradients), &flat(value, &expected));
     }
 }

@@ -53,6 +53,9 @@ impl<'a> Matrix<'a> {
 
     /// The transpose as a row-major matrix of its own, `[columns, rows]`, which products read faster.
     pub fn to_transposed(self) -> Vec<f32> {
+        if self.rows == 0 {
+            return Vec::new();
+        }
         let (row_stride, column_stride) = (self.row_stride.unsigned_abs(), self.column_stride.unsigned_abs());
         let mut out = Vec::with_capacity(self.rows * self.columns);
         for column in 0..self.columns {

@@ -5,14 +5,17 @@
 //!
 //! [`forward`] is for acting; [`MlpPass`] is for learning.
 
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use dappo_sim::task::Reflection;
 use rayon::prelude::*;
 
 use super::Level;
 use super::elementwise::{bias_add, column_sums, tanh_backward};
 use super::matmul::Destination::{Accumulate, Overwrite};
-use super::matmul::{Matrix, matmul};
+use super::matmul::{Matrix, matmul, matmul_strided};
+use super::parity::{MlpParity, turn};
 use super::reduce::add_in_order;
 use super::tanh::bias_tanh;
 
@@ -49,35 +52,70 @@ fn hidden_width(sizes: &[usize]) -> usize {
     sizes[1..sizes.len() - 1].iter().sum()
 }
 
-#[derive(Clone, Copy)]
+/// A matrix that makes some outputs of a layer of some of its inputs. A layer has one of them, and two if it is that of the
+/// even and odd [parts](super::parity).
+struct Product<'a> {
+    inputs: Range<usize>,
+    outputs: Range<usize>,
+    /// `[inputs, outputs]`.
+    weight: Matrix<'a>,
+}
+
+/// A layer as it is computed.
 struct Layer<'a> {
     inputs: usize,
     outputs: usize,
-    weight: &'a [f32],
+    products: Vec<Product<'a>>,
     bias: &'a [f32],
+    /// Outputs that are sums and differences of pairs of units before and after the activation.
+    pairs: Range<usize>,
 }
 
 impl Layer<'_> {
-    fn weight(&self) -> Matrix<'_> {
-        Matrix::new(self.weight, self.inputs, self.outputs)
+    /// Writes the product with the weight.
+    fn apply(&self, level: Level, x: &[f32], y: &mut [f32]) {
+        let rows = x.len() / self.inputs;
+        for Product { inputs, outputs, weight } in &self.products {
+            let y = &mut y[columns(rows, self.outputs, outputs)];
+            let x = Matrix::strided(&x[columns(rows, self.inputs, inputs)], rows, inputs.len(), self.inputs);
+            matmul_strided(level, y, self.outputs, Overwrite, x, *weight);
+        }
     }
 
-    /// The transpose of the weight as a matrix of its own, which products read faster.
-    fn transpose(&self) -> Transpose {
-        Transpose { data: self.weight().to_transposed(), rows: self.outputs, columns: self.inputs }
+    /// The transposes of the matrices on their own, which products read faster.
+    fn transposes(&self) -> Vec<Vec<f32>> {
+        self.products.iter().map(|product| product.weight.to_transposed()).collect()
+    }
+
+    /// Adds the gradient of the weight to `sum`, which is laid out like it.
+    fn add_weight_gradient(&self, level: Level, x: &[f32], gradient: &[f32], mut sum: &mut [f32]) {
+        let rows = x.len() / self.inputs;
+        for Product { inputs, outputs, .. } in &self.products {
+            let (of_weight, rest) = std::mem::take(&mut sum).split_at_mut(inputs.len() * outputs.len());
+            sum = rest;
+            let x = Matrix::strided(&x[columns(rows, self.inputs, inputs)], rows, inputs.len(), self.inputs);
+            let gradient = &gradient[columns(rows, self.outputs, outputs)];
+            let gradient = Matrix::strided(gradient, rows, outputs.len(), self.outputs);
+            matmul(level, of_weight, Accumulate, x.transposed(), gradient);
+        }
+    }
+
+    /// Writes the gradient of the inputs.
+    fn input_gradient(&self, level: Level, transposes: &[Vec<f32>], gradient: &[f32], of_inputs: &mut [f32]) {
+        let rows = gradient.len() / self.outputs;
+        for (Product { inputs, outputs, .. }, transpose) in self.products.iter().zip(transposes) {
+            let of_inputs = &mut of_inputs[columns(rows, self.inputs, inputs)];
+            let gradient = &gradient[columns(rows, self.outputs, outputs)];
+            let gradient = Matrix::strided(gradient, rows, outputs.len(), self.outputs);
+            let transpose = Matrix::new(transpose, outputs.len(), inputs.len());
+            matmul_strided(level, of_inputs, self.inputs, Overwrite, gradient, transpose);
+        }
     }
 }
 
-struct Transpose {
-    data: Vec<f32>,
-    rows: usize,
-    columns: usize,
-}
-
-impl Transpose {
-    fn view(&self) -> Matrix<'_> {
-        Matrix::new(&self.data, self.rows, self.columns)
-    }
+/// Where some columns of a matrix lie, from the first of the first row to the last of the last row.
+fn columns(rows: usize, width: usize, columns: &Range<usize>) -> Range<usize> {
+    columns.start..rows.saturating_sub(1) * width + columns.end
 }
 
 fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
@@ -85,10 +123,32 @@ fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
     assert_eq!(Some(parameters.len()), parameter_count(sizes), "parameters of an MLP of sizes {sizes:?}");
     let mut layers = Vec::with_capacity(sizes.len() - 1);
     for pair in sizes.windows(2) {
-        let (weight, rest) = parameters.split_at(pair[0] * pair[1]);
-        let (bias, rest) = rest.split_at(pair[1]);
-        layers.push(Layer { inputs: pair[0], outputs: pair[1], weight, bias });
+        let [inputs, outputs] = [pair[0], pair[1]];
+        let (weight, rest) = parameters.split_at(inputs * outputs);
+        let (bias, rest) = rest.split_at(outputs);
+        let weight = Matrix::new(weight, inputs, outputs);
+        let products = vec![Product { inputs: 0..inputs, outputs: 0..outputs, weight }];
+        layers.push(Layer { inputs, outputs, products, bias, pairs: 0..0 });
         parameters = rest;
+    }
+    layers
+}
+
+/// The layers of a net that is its own mirror image, of parameters that [`MlpParity::fold`] laid out.
+fn folded_layers<'a>(parity: &MlpParity, mut folded: &'a [f32]) -> Vec<Layer<'a>> {
+    let mut layers = Vec::new();
+    for (from, to, is_last) in parity.layers() {
+        let parts = from.parts().into_iter().zip(to.parts());
+        let products = parts.map(|(inputs, outputs)| {
+            let (weight, rest) = folded.split_at(inputs.len() * outputs.len());
+            folded = rest;
+            Product { weight: Matrix::new(weight, inputs.len(), outputs.len()), inputs, outputs }
+        });
+        let products = products.collect();
+        let (bias, rest) = folded.split_at(to.len());
+        folded = rest;
+        let pairs = if is_last { 0..0 } else { to.pairs() };
+        layers.push(Layer { inputs: from.len(), outputs: to.len(), products, bias, pairs });
     }
     layers
 }
@@ -96,7 +156,8 @@ fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
 /// The gradients of one layer, cut off the front of `gradients`.
 #[expect(clippy::mut_mut, reason = "a cursor into a slice is a mutable reference to it")]
 fn split_layer<'a>(gradients: &mut &'a mut [f32], layer: &Layer<'_>) -> (&'a mut [f32], &'a mut [f32]) {
-    let (weight, rest) = std::mem::take(gradients).split_at_mut(layer.weight.len());
+    let weight = layer.products.iter().map(|product| product.inputs.len() * product.outputs.len()).sum();
+    let (weight, rest) = std::mem::take(gradients).split_at_mut(weight);
     let (bias, rest) = rest.split_at_mut(layer.outputs);
     *gradients = rest;
     (weight, bias)
@@ -109,11 +170,13 @@ fn forward_block(level: Level, layers: &[Layer<'_>], x: &[f32], mut hidden: &mut
     let mut input = x;
     for layer in inner {
         let (y, rest) = std::mem::take(&mut hidden).split_at_mut(rows * layer.outputs);
-        matmul(level, y, Overwrite, Matrix::new(input, rows, layer.inputs), layer.weight());
+        layer.apply(level, input, y);
+        turn(level, y, layer.outputs, layer.pairs.clone());
         bias_tanh(level, y, layer.bias);
+        turn(level, y, layer.outputs, layer.pairs.clone());
         (input, hidden) = (y, rest);
     }
-    matmul(level, out, Overwrite, Matrix::new(input, rows, last.inputs), last.weight());
+    last.apply(level, input, out);
     bias_add(level, out, last.bias);
 }
 
@@ -176,6 +239,8 @@ struct Block {
     hidden: Vec<f32>,
     out: Vec<f32>,
     out_gradient: Vec<f32>,
+    /// The input or the output or its gradient, as they are or in coordinates of the [parts](super::parity).
+    parts: Vec<f32>,
     /// These take turns as the gradient of a layer's output and input.
     gradients: [Vec<f32>; 2],
 }
@@ -186,8 +251,12 @@ struct Block {
 pub struct MlpPass {
     level: Level,
     sizes: Vec<usize>,
+    /// Of a net that is its own mirror image.
+    parity: Option<MlpParity>,
     /// Sums of the gradients of every partition; the first one becomes that of the minibatch.
     sums: Vec<Vec<f32>>,
+    /// The gradient of the parameters of a net that is its own mirror image.
+    unfolded: Vec<f32>,
     /// Those that no thread works with.
     idle: Mutex<Vec<Block>>,
 }
@@ -196,7 +265,16 @@ impl MlpPass {
     /// Passes through MLPs of these sizes.
     #[must_use]
     pub fn new(level: Level, sizes: Vec<usize>) -> Self {
-        Self { level, sizes, sums: Vec::new(), idle: Mutex::default() }
+        Self { level, sizes, parity: None, sums: Vec::new(), unfolded: Vec::new(), idle: Mutex::default() }
+    }
+
+    /// Passes through MLPs that are their own mirror images under the reflections of the input, of the units of each hidden
+    /// layer, which only take each other's place, and of the output. They take half the operations, and gradients are
+    /// averaged with their mirror images.
+    #[must_use]
+    pub fn mirrored(level: Level, reflections: &[Reflection]) -> Self {
+        let sizes = reflections.iter().map(Reflection::len).collect();
+        Self { parity: Some(MlpParity::new(reflections)), ..Self::new(level, sizes) }
     }
 
     /// The values of `of` for the MLP's output, block by block, for the rows `order` of `data`. `of` receives
@@ -214,12 +292,13 @@ impl MlpPass {
         order: &[i32],
         of: impl Fn(&[i32], &[f32]) -> T + Sync,
     ) -> Vec<T> {
-        let (layers, data) = (layers(&self.sizes, parameters), data.into());
+        let (folded, data) = (self.fold(parameters), data.into());
+        let layers = self.layers(parameters, &folded);
         order
             .par_chunks(BLOCK)
             .map(|order| {
                 let mut block = self.take_block();
-                block.forward(self.level, &layers, data, order);
+                block.forward(self.level, self.parity.as_ref(), &layers, data, order);
                 let answer = of(order, &block.out);
                 self.give_back(block);
                 answer
@@ -249,20 +328,22 @@ impl MlpPass {
         let partition = partition_rows(order.len());
         let used = order.len().div_ceil(partition).max(1);
         sums.resize_with(sums.len().max(used), Vec::new);
-        let layers = layers(&self.sizes, parameters);
-        let transposes: Vec<Transpose> = layers.par_iter().map(Layer::transpose).collect();
+        let folded = self.fold(parameters);
+        let layers = self.layers(parameters, &folded);
+        let count = if self.parity.is_some() { folded.len() } else { parameters.len() };
+        let transposes: Vec<Vec<Vec<f32>>> = layers.par_iter().map(Layer::transposes).collect();
         let answers: Vec<Vec<T>> = order
             .par_chunks(partition)
             .zip(&mut sums)
             .map(|(order, sum)| {
-                sum.resize(parameters.len(), 0.0);
+                sum.resize(count, 0.0);
                 sum.fill(0.0);
                 let mut block = self.take_block();
                 let answers = order.chunks(BLOCK).map(|order| {
-                    block.forward(self.level, &layers, data, order);
+                    block.forward(self.level, self.parity.as_ref(), &layers, data, order);
                     block.out_gradient.resize(block.out.len(), 0.0);
                     let answer = loss(order, &block.out, &mut block.out_gradient);
-                    block.backward(self.level, &layers, &transposes, sum);
+                    block.backward(self.level, self.parity.as_ref(), &layers, &transposes, sum);
                     answer
                 });
                 let answers = answers.collect();
@@ -273,7 +354,23 @@ impl MlpPass {
         let (first, rest) = sums[..used].split_at_mut(1);
         add_in_order(&mut first[0], &rest.iter().map(Vec::as_slice).collect::<Vec<_>>());
         self.sums = sums;
-        (answers.into_iter().flatten().collect(), &self.sums[0])
+        let answers = answers.into_iter().flatten().collect();
+        let Some(parity) = &self.parity else { return (answers, &self.sums[0]) };
+        self.unfolded.resize(parameters.len(), 0.0);
+        parity.unfold(self.level, &mut self.sums[0], &mut self.unfolded);
+        (answers, &self.unfolded)
+    }
+
+    /// The parameters for the parts of a net that is its own mirror image.
+    fn fold(&self, parameters: &[f32]) -> Vec<f32> {
+        self.parity.as_ref().map(|parity| parity.fold(self.level, parameters)).unwrap_or_default()
+    }
+
+    fn layers<'a>(&self, parameters: &'a [f32], folded: &'a [f32]) -> Vec<Layer<'a>> {
+        match &self.parity {
+            None => layers(&self.sizes, parameters),
+            Some(parity) => folded_layers(parity, folded),
+        }
     }
 
     fn take_block(&self) -> Block {
@@ -287,7 +384,14 @@ impl MlpPass {
 
 impl Block {
     /// Sends some rows of `data` forwards.
-    fn forward(&mut self, level: Level, layers: &[Layer<'_>], data: Inputs<'_>, order: &[i32]) {
+    fn forward(
+        &mut self,
+        level: Level,
+        parity: Option<&MlpParity>,
+        layers: &[Layer<'_>],
+        data: Inputs<'_>,
+        order: &[i32],
+    ) {
         let (inputs, outputs) = (layers[0].inputs, layers[layers.len() - 1].outputs);
         let width: usize = layers[1..].iter().map(|layer| layer.inputs).sum();
         self.x.resize(order.len() * inputs, 0.0);
@@ -296,41 +400,55 @@ impl Block {
         for (row, index) in self.x.chunks_exact_mut(inputs).zip(order) {
             row.copy_from_slice(data.row(*index as usize, inputs));
         }
-        forward_block(level, layers, &self.x, &mut self.hidden, &mut self.out);
+        let Some(parity) = parity else {
+            forward_block(level, layers, &self.x, &mut self.hidden, &mut self.out);
+            return;
+        };
+        self.parts.resize(self.x.len(), 0.0);
+        parity.input().split(level, &self.x, &mut self.parts);
+        std::mem::swap(&mut self.x, &mut self.parts);
+        self.parts.resize(self.out.len(), 0.0);
+        forward_block(level, layers, &self.x, &mut self.hidden, &mut self.parts);
+        parity.output().join(level, &mut self.parts, &mut self.out);
     }
 
     /// Adds the gradients of the parameters to `sum`; `transposes` are those of the layers' weights.
     fn backward(
         &mut self,
         level: Level,
+        parity: Option<&MlpParity>,
         layers: &[Layer<'_>],
-        transposes: &[Transpose],
+        transposes: &[Vec<Vec<f32>>],
         mut sum: &mut [f32],
     ) {
         let rows = self.x.len() / layers[0].inputs;
         let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut sum, layer)).collect();
         let [mut current, mut next] = self.gradients.each_mut();
-        let mut hidden = self.hidden.as_slice();
+        let mut hidden = self.hidden.as_mut_slice();
+        let mut gradient = &self.out_gradient;
+        if let Some(parity) = parity {
+            parity.output().split(level, gradient, &mut self.parts);
+            gradient = &self.parts;
+        }
+        let last = layers.len() - 1;
+        column_sums(level, gradient, sums[last].1);
         for (index, layer) in layers.iter().enumerate().rev() {
-            let gradient = if index + 1 == layers.len() {
-                column_sums(level, &self.out_gradient, sums[index].1);
-                &self.out_gradient
-            } else {
-                &*current
-            };
-            let gradient = Matrix::new(gradient, rows, layer.outputs);
+            let gradient = if index == last { gradient } else { &*current };
             if index == 0 {
-                let x = Matrix::new(&self.x, rows, layer.inputs);
-                matmul(level, sums[0].0, Accumulate, x.transposed(), gradient);
+                layer.add_weight_gradient(level, &self.x, gradient, sums[0].0);
                 return;
             }
-            let (rest, input) = hidden.split_at(hidden.len() - rows * layer.inputs);
+            let start = hidden.len() - rows * layer.inputs;
+            let (rest, input) = std::mem::take(&mut hidden).split_at_mut(start);
             hidden = rest;
-            let input_matrix = Matrix::new(input, rows, layer.inputs);
-            matmul(level, sums[index].0, Accumulate, input_matrix.transposed(), gradient);
+            layer.add_weight_gradient(level, input, gradient, sums[index].0);
             next.resize(rows * layer.inputs, 0.0);
-            matmul(level, next, Overwrite, gradient, transposes[index].view());
+            layer.input_gradient(level, &transposes[index], gradient, next);
+            let pairs = &layers[index - 1].pairs;
+            turn(level, input, layer.inputs, pairs.clone());
+            turn(level, next, layer.inputs, pairs.clone());
             tanh_backward(level, next, input, sums[index - 1].1);
+            turn(level, next, layer.inputs, pairs.clone());
             std::mem::swap(&mut current, &mut next);
         }
     }

@@ -11,6 +11,7 @@ pub mod lstm;
 mod lstm_cell;
 mod matmul;
 mod mlp;
+mod parity;
 #[cfg(target_arch = "x86_64")]
 mod product;
 mod reduce;
