@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dappo_batch._core import ConfigError
 
-__all__ = ["PythonTerms", "Term", "TermBatch", "import_module"]
+__all__ = ["PythonTerms", "Term", "TermBatch", "import_function", "import_module", "returned"]
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,23 @@ def import_module(name: str) -> Any:  # noqa: ANN401 - a module has any attribut
             sys.path.remove(folder)
 
 
+def import_function(name: str, what: str) -> Any:  # noqa: ANN401 - a function has any signature
+    """Import a function of a user, ``"module:function"``, that `what` needs.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    module, _, attribute = name.partition(":")
+    if not module or not attribute:
+        raise ConfigError(f'{what} needs a function as "module:function", got {name!r}')
+    found = getattr(import_module(module), attribute, None)
+    if not callable(found):
+        raise ConfigError(f"the module {module!r} has no function {attribute!r}, which {what} needs")
+    return found
+
+
 class PythonTerms:
     """The functions that a task names, as ``"module:function"``.
 
@@ -97,16 +114,18 @@ class PythonTerms:
         terminations: Sequence[str],
         dt: float,
     ) -> None:
-        self._observations = [(name, size, _function(name)) for name, size in observations]
-        self._rewards = [(name, _function(name)) for name in rewards]
-        self._terminations = [(name, _function(name)) for name in terminations]
+        self._observations = [
+            (name, size, import_function(name, "a term of the task")) for name, size in observations
+        ]
+        self._rewards = [(name, import_function(name, "a term of the task")) for name in rewards]
+        self._terminations = [(name, import_function(name, "a term of the task")) for name in terminations]
         self._dt = dt
 
     def observe(self, *arrays: NDArray[Any]) -> list[NDArray[np.float32]]:
         """Return the terms of the observation, [N, size] each; `arrays` are those of `TermBatch`."""
         batch = TermBatch(self._dt, *arrays)
         return [
-            _checked(name, term(batch), (len(batch.qpos), size), np.float32)
+            returned(f"the term {name}", term(batch), (len(batch.qpos), size), np.float32)
             for name, size, term in self._observations
         ]
 
@@ -114,35 +133,35 @@ class PythonTerms:
         """Return the terms of the reward and of the terminations, [N] each."""
         batch = TermBatch(self._dt, *arrays)
         shape = (len(batch.qpos),)
-        rewards = [_checked(name, term(batch), shape, np.float64) for name, term in self._rewards]
-        failures = [_checked(name, term(batch), shape, np.bool_) for name, term in self._terminations]
+        rewards = [
+            returned(f"the term {name}", term(batch), shape, np.float64) for name, term in self._rewards
+        ]
+        failures = [
+            returned(f"the term {name}", term(batch), shape, np.bool_) for name, term in self._terminations
+        ]
         return rewards, failures
 
 
-def _function(name: str) -> Term:
-    module, _, attribute = name.partition(":")
-    found = getattr(import_module(module), attribute, None)
-    if not callable(found):
-        raise ConfigError(
-            f"the module {module!r} has no function {attribute!r}, which a term of the task needs"
-        )
-    term: Term = found
-    return term
+def returned(what: str, value: object, shape: tuple[int, ...], kind: type[Any]) -> NDArray[Any]:
+    """Return what a function of a user, `what`, returned for all envs, as an array of `kind`.
 
-
-def _checked(name: str, value: object, shape: tuple[int, ...], kind: type[Any]) -> NDArray[Any]:
+    Raises
+    ------
+    ConfigError
+        If it has another shape, or is no number or boolean, or not finite.
+    """
     array = np.asarray(value)
     if (
         array.shape != shape
         or (kind is np.bool_) != (array.dtype == np.bool_)
         or array.dtype.kind not in "biuf"
     ):
-        what = "booleans" if kind is np.bool_ else "numbers"
+        expected = "booleans" if kind is np.bool_ else "numbers"
         raise ConfigError(
-            f"the term {name} returned shape {array.shape} of {array.dtype}, expected {what} of shape {shape}"
+            f"{what} returned shape {array.shape} of {array.dtype}, expected {expected} of shape {shape}"
         )
     array = np.ascontiguousarray(array, dtype=kind)
     if kind is not np.bool_ and not np.isfinite(array).all():
         env = int(np.argwhere(~np.isfinite(array))[0][0])
-        raise ConfigError(f"the term {name} returned a value that is not finite for env {env}")
+        raise ConfigError(f"{what} returned a value that is not finite for env {env}")
     return array

@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -445,4 +446,88 @@ def test_a_signal_ends_an_evaluation_with_130_and_keeps_the_old_tables(runs: Pat
     assert process.returncode == 130, err
     assert out == ""
     assert "Traceback" not in err
+    assert files(run) == before
+
+
+def test_a_function_takes_the_place_of_the_policy(runs: Path, tmp_path: Path) -> None:
+    """It gets what the policy gets: the policy itself, called as a function, does the same."""
+    run = shutil.copytree(runs / UNAWARE[0], tmp_path / "run")
+    own = package.evaluate(run).runs[0]
+    before = files(run)
+    policy = package.Policy.load(run, threads=1)
+    shapes = []
+
+    def same(obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        shapes.append((obs.dtype, obs.shape))
+        return policy.act(obs)
+
+    report = package.evaluate(run, act=same, compare=[runs / AWARE[0]])
+    found = report.runs[0]
+    assert (found.classes, found.groups) == (own.classes, own.groups)
+    assert (found.run, found.seed, found.env_steps) == ("same", None, None)
+    assert report.comparison is not None
+    assert [row.score for row in report.comparison.classes] == [row.forward_reward for row in own.classes]
+    # An episode has 20 steps at most.
+    assert shapes == [(np.dtype(np.float32), (2 * len(own.classes), policy.obs_dim))] * 20
+    assert {path: text for path, text in files(run).items() if path in before} == before
+    assert (run / "eval" / "act-same" / "per_class.csv").exists()
+    assert (run / "eval" / "act-same" / "comparison.json").exists()
+
+
+def test_a_function_of_a_module_gets_the_damage_code_that_the_run_observes(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = shutil.copytree(runs / AWARE[0], tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "a_peer", raising=False)
+    Path("a_peer.py").write_text(
+        "from pathlib import Path\n\n"
+        "from tests.python.numpy_policy import mean_actions\n\n\n"
+        "class Peer:\n"
+        "    resets = 0\n\n"
+        "    def reset(self):\n"
+        "        self.resets += 1\n\n"
+        "    def __call__(self, obs):\n"
+        "        assert self.resets == 1\n"
+        "        return mean_actions(Path('run'), obs[:, :-CODES], obs[:, -CODES:])\n\n\n"
+        "act = Peer()\n".replace("CODES", str(package.Policy.load(run).code_length))
+    )
+    out, _ = dappo_batch("evaluate", run, "--act", "a_peer:act", "--encoding", "wrong")
+    assert out.splitlines()[0].startswith("class")
+    found = column(read(run / "eval" / "act-a_peer.act" / "per_class.wrong.csv"), "forward_reward")
+    dappo_batch("evaluate", run, "--encoding", "wrong")
+    own = column(read(run / "eval" / "per_class.wrong.csv"), "forward_reward")
+    # Single and double precision part ways within an episode, but hardly in 20 steps.
+    np.testing.assert_allclose(found, own, rtol=1e-3, atol=1e-3)
+    assert np.ptp(own) > 0.1
+
+
+def test_functions_that_are_no_policies_are_rejected(runs: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(runs / UNAWARE[0], tmp_path / "run")
+    before = files(run)
+
+    def fail(obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        raise ZeroDivisionError("of a peer")
+
+    robots = 2 * len(package.Policy.load(run).class_names)
+    cases: list[tuple[Any, list[str]]] = [
+        (
+            lambda obs: obs[:, :3],
+            [f"returned shape ({robots}, 3)", f"expected numbers of shape ({robots}, 8)"],
+        ),
+        (lambda obs: np.full((len(obs), 8), np.nan), ["not finite for env 0"]),
+        (lambda obs: [["x"] * 8] * len(obs), ["expected numbers"]),
+        (fail, ["the policy raised ZeroDivisionError: of a peer", "in fail"]),
+        (3, ['act must be a function or "module:function", got 3']),
+        ("nowhere:act", ["cannot import the module 'nowhere'"]),
+        ("json:nothing", ["the module 'json' has no function 'nothing', which an evaluation needs"]),
+        ("json", ["needs a function as \"module:function\", got 'json'"]),
+    ]
+    for act, parts in cases:
+        with pytest.raises(package.ConfigError) as caught:
+            package.evaluate(run, act=act)
+        for part in parts:
+            assert part in str(caught.value)
+    with pytest.raises(package.ConfigError, match="the place of the policy of one run, got 2 runs"):
+        package.evaluate(run, runs / UNAWARE[1], act=fail)
     assert files(run) == before

@@ -8,6 +8,7 @@ from typing import Any, Unpack
 from dappo_batch._checks import folder
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation, TrainingOptions, renamed
+from dappo_batch.outside_policy import Act
 from dappo_batch.results import EvaluationReport
 from dappo_batch.runs import Run, load_run
 
@@ -113,6 +114,7 @@ def resume(
 def evaluate(
     *runs: Folder,
     compare: Sequence[Folder] = (),
+    act: Act | str | None = None,
     encoding: str = "true",
     episodes: int | None = None,
     seed: int | None = None,
@@ -127,6 +129,11 @@ def evaluate(
         Run folders of one learner with different seeds.
     compare
         Run folders of another learner.
+    act
+        Function that chooses the actions in the place of the policy of `runs`, which is one run: a policy of
+        another learner. It gets the raw observations that the run's policy gets, float32[N, O] of N robots,
+        once in each env step, and returns actions, [N, A]. All episodes begin with its first call; before
+        that its method ``reset()``, if it has one, is called. Also ``"module:function"``.
     encoding
         Damage code that the policies of `runs` receive: ``true``, ``zero``, ``wrong`` or ``random``.
     episodes
@@ -146,6 +153,7 @@ def evaluate(
     arguments = {
         "runs": runs,
         "compare": compare,
+        "act": act,
         "encoding": encoding,
         "episodes": episodes,
         "seed": seed,

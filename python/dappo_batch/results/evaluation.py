@@ -77,9 +77,9 @@ class RunEvaluation(Result):
     Attributes
     ----------
     run : str
-        The run folder.
-    seed, env_steps : int
-        Seed of the training, and env steps that the policy was trained for.
+        The run folder, or the function that took the place of its policy.
+    seed, env_steps : int or None
+        Seed of the training, and env steps that the policy was trained for; None for a function.
     encoding : str
         Damage code that the policy received: ``true``, ``zero``, ``wrong`` or ``random``.
     backend, precision, device, physics : str
@@ -91,8 +91,8 @@ class RunEvaluation(Result):
     """
 
     run: str
-    seed: int
-    env_steps: int
+    seed: int | None
+    env_steps: int | None
     encoding: str
     backend: str
     precision: str
@@ -107,8 +107,8 @@ class RunSummary(Result):
     """One run of a comparison; forward reward, velocity (m/s) and distance (m) are means over all classes."""
 
     run: str
-    seed: int
-    env_steps: int
+    seed: int | None
+    env_steps: int | None
     forward_reward: float
     forward_velocity: float
     distance: float

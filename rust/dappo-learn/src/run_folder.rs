@@ -126,10 +126,10 @@ impl RunFolder {
     }
 
     /// Folder of an evaluation with `config`: that of the run itself, or a folder in it, which the settings that differ
-    /// from those of the run give its name.
-    pub fn evaluation_with(&self, config: &Config) -> Result<EvaluationFolder> {
+    /// from those of the run give its name, after that of the policy if it is not the run's.
+    pub fn evaluation_with(&self, config: &Config, policy: Option<&str>) -> Result<EvaluationFolder> {
         let (_, own) = Self::open(&self.root)?;
-        let mut names = Vec::new();
+        let mut names: Vec<String> = policy.map(|name| format!("act-{name}")).into_iter().collect();
         for Change { key, from, to } in changes(&own, config)? {
             // What was left to this program to choose is no other choice of the user's.
             let was_open = from.as_ref().is_some_and(|from| from.as_str() == Some("auto"));

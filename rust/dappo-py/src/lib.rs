@@ -14,6 +14,7 @@ mod files;
 mod keywords;
 mod kinds;
 mod model_reader;
+mod outside_policy;
 mod policy;
 mod pool;
 mod python_terms;

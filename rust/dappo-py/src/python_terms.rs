@@ -61,7 +61,7 @@ impl PythonTerms {
                 );
                 read(self.terms.bind(py).call_method1(method, arrays)?)
             };
-            call().map_err(|error| explain(py, &error))
+            call().map_err(|error| explain(py, &error, "a term of the task"))
         })
     }
 
@@ -91,13 +91,13 @@ impl PythonTerms {
     }
 }
 
-/// An exception of a term: one of a user's function says where it was raised.
-fn explain(py: Python<'_>, error: &PyErr) -> SimError {
+/// An exception of a function of a user, `what`: says where it was raised.
+pub fn explain(py: Python<'_>, error: &PyErr, what: &str) -> SimError {
     if is_ours(py, error) {
         return to_sim(py, error);
     }
     let place = error.traceback(py).and_then(|traceback| traceback.format().ok()).unwrap_or_default();
-    SimError::Config(format!("a term of the task raised {error}\n{}", place.trim_end()))
+    SimError::Config(format!("{what} raised {error}\n{}", place.trim_end()))
 }
 
 impl Backend for PythonTerms {

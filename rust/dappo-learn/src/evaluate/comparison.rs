@@ -15,12 +15,12 @@ use crate::walk::Encoding;
 /// The evaluation of one run.
 #[derive(Debug, Clone, Serialize)]
 pub struct RunEvaluation {
-    /// Its run folder.
+    /// Its run folder, or the name of the policy that chose the actions in the place of the run's.
     pub run: String,
-    /// Seed of its training.
-    pub seed: u64,
-    /// Env steps that its policy was trained for.
-    pub env_steps: u64,
+    /// Seed of its training; `None` for a policy of another learner.
+    pub seed: Option<u64>,
+    /// Env steps that its policy was trained for; `None` for a policy of another learner.
+    pub env_steps: Option<u64>,
     /// What was found.
     #[serde(flatten)]
     pub evaluation: Evaluation,
@@ -29,12 +29,12 @@ pub struct RunEvaluation {
 /// One run of a side.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunSummary {
-    /// Its run folder.
+    /// Its run folder, or the name of the policy that chose the actions in the place of the run's.
     pub run: String,
-    /// Seed of its training.
-    pub seed: u64,
-    /// Env steps that its policy was trained for.
-    pub env_steps: u64,
+    /// Seed of its training; `None` for a policy of another learner.
+    pub seed: Option<u64>,
+    /// Env steps that its policy was trained for; `None` for a policy of another learner.
+    pub env_steps: Option<u64>,
     /// Mean forward reward over all classes.
     pub forward_reward: f64,
     /// Mean forward velocity over all classes, m/s.
@@ -289,7 +289,12 @@ mod tests {
         let classes = groups.into_iter().zip(rewards).enumerate();
         let classes = classes.map(|(id, (group, reward))| class(id, group, reward, 1.0)).collect();
         let evaluation = Evaluation::new(encoding, simulator(), classes);
-        RunEvaluation { run: format!("runs/{seed}"), seed, env_steps: 1000 * seed, evaluation }
+        RunEvaluation {
+            run: format!("runs/{seed}"),
+            seed: Some(seed),
+            env_steps: Some(1000 * seed),
+            evaluation,
+        }
     }
 
     fn comparison() -> Comparison {
@@ -316,7 +321,10 @@ mod tests {
         // (10 + 6 + 5 + 9) / 4, (12 + 2 + 7 + 9) / 4 and their mean; (8 + 4 + 5 + 3) / 4.
         assert_eq!(summary.runs.seeds.iter().map(|run| run.forward_reward).collect::<Vec<_>>(), [7.5, 7.5]);
         assert_eq!((summary.runs.forward_reward, summary.others.forward_reward), (7.5, 5.0));
-        assert_eq!(summary.runs.seeds.iter().map(|run| run.env_steps).collect::<Vec<_>>(), [1000, 2000]);
+        assert_eq!(
+            summary.runs.seeds.iter().map(|run| run.env_steps).collect::<Vec<_>>(),
+            [1000, 2000].map(Some)
+        );
         assert!(!summary.equal_budgets());
         assert_eq!((summary.runs.encoding, summary.others.encoding), (Encoding::Wrong, Encoding::True));
         assert_eq!((summary.classes_won, summary.share_won), (3, 0.75));

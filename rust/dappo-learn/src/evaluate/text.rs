@@ -150,8 +150,7 @@ impl ComparisonSummary {
         if self.equal_budgets() {
             return String::new();
         }
-        let [runs, others] =
-            [&self.runs, &self.others].map(|side| list(side, |run| run.env_steps.to_string()));
+        let [runs, others] = [&self.runs, &self.others].map(|side| list(side, |run| known(run.env_steps)));
         format!("  their budgets differ, in env steps: {runs} of RUN, {others} of OTHER\n")
     }
 
@@ -197,10 +196,15 @@ fn list(side: &Side, of: fn(&RunSummary) -> String) -> String {
 }
 
 /// `1 seed: 0` or `3 seeds: 0, 1, 2`.
-fn seed_list(seeds: impl Iterator<Item = u64>) -> String {
-    let seeds: Vec<String> = seeds.map(|seed| seed.to_string()).collect();
+fn seed_list(seeds: impl Iterator<Item = Option<u64>>) -> String {
+    let seeds: Vec<String> = seeds.map(known).collect();
     let noun = if seeds.len() == 1 { "seed" } else { "seeds" };
     format!("{} {noun}: {}", seeds.len(), seeds.join(", "))
+}
+
+/// A number of a run; that of a policy of another learner is not known.
+fn known(number: Option<u64>) -> String {
+    number.map_or_else(|| "unknown".to_owned(), |number| number.to_string())
 }
 
 /// Nothing for the true code.

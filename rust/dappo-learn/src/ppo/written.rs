@@ -34,7 +34,7 @@ impl<'a> WrittenPolicy<'a> {
     ) -> Result<Self> {
         let old_log_std = read(old.log_std.val())?;
         let pass = pass(&old.mean, symmetry.map(PolicySymmetry::mean));
-        Ok(Self { objective, symmetry, batch, probe, pass, old_log_std })
+        Ok(Self { objective, symmetry, batch, probe, old_log_std, pass })
     }
 
     fn gaussian(&self, policy: &GaussianPolicy) -> Result<Gaussian> {

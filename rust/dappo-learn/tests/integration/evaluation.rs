@@ -302,7 +302,7 @@ fn an_evaluation_with_other_settings_than_those_of_the_run_has_a_folder_of_its_o
     let root = scratch("extra");
     let run = create(&root, 0).unwrap();
     let (_, own) = RunFolder::open(&root).unwrap();
-    let folder = |changed: Config| run.evaluation_with(&changed).unwrap().path("x");
+    let folder = |changed: Config| run.evaluation_with(&changed, None).unwrap().path("x");
     assert_eq!(folder(own.clone()), root.join("eval").join("x"));
     // Threads change no episode, and a choice that was left open is none.
     let mut machine = own.clone();

@@ -61,7 +61,7 @@ impl Parity {
 
     /// The coordinates of the even and of the odd part.
     pub fn parts(&self) -> [Range<usize>; 2] {
-        let middle = (self.pairs.start + self.pairs.end) / 2;
+        let middle = self.pairs.start + self.pairs.len() / 2;
         [0..middle, middle..self.len()]
     }
 

@@ -9,7 +9,7 @@ fn evaluation(encoding: Encoding, rewards: [f64; 3], standard_error: f64) -> Eva
 
 fn run(seed: u64, rewards: [f64; 3]) -> RunEvaluation {
     let evaluation = evaluation(Encoding::True, rewards, 1.0);
-    RunEvaluation { run: format!("runs/{seed}"), seed, env_steps: 1000, evaluation }
+    RunEvaluation { run: format!("runs/{seed}"), seed: Some(seed), env_steps: Some(1000), evaluation }
 }
 
 #[test]
@@ -60,8 +60,8 @@ fn several_runs_show_their_mean_and_range() {
 fn comparison() -> ComparisonSummary {
     let run = |seed, env_steps| RunSummary {
         run: format!("runs/{seed}"),
-        seed,
-        env_steps,
+        seed: Some(seed),
+        env_steps: Some(env_steps),
         forward_reward: 7.5,
         forward_velocity: 0.5,
         distance: 1.25,
@@ -154,7 +154,7 @@ fn robots_with_commands_are_judged_by_how_well_they_track_them() {
 #[test]
 fn a_comparison_of_equal_budgets_without_pairs_is_shorter() {
     let mut comparison = comparison();
-    comparison.others.seeds[0].env_steps = 1000;
+    comparison.others.seeds[0].env_steps = Some(1000);
     (comparison.adjacent_pairs, comparison.opposite_pairs) = (None, None);
     let text = comparison.text();
     let starts: Vec<&str> = text.lines().map(|line| &line[..17]).collect();

@@ -27,6 +27,7 @@ pub use tools::{BenchArgs, CheckArgs, DoctorArgs, GridArgs, ReportArgs};
 use crate::keywords::arguments;
 pub use crate::kinds::{AtLeast, Count, OneOf, Threads, Whole};
 use crate::kinds::{Integrator, RobotChanged};
+use crate::outside_policy::Function;
 
 /// Thousands of damage-randomised robots in MuJoCo: train, evaluate, measure.
 #[derive(Debug, Parser)]
@@ -214,6 +215,9 @@ arguments! {
         /// damage code
         #[arg(long, value_name = "OTHER", num_args = 1..)]
         pub compare: Vec<PathBuf>,
+        /// Python function that chooses the actions in the place of the policy of RUN: a policy of another learner
+        #[arg(long, value_name = "MODULE:FUNCTION")]
+        pub act: Option<Function>,
         /// Damage code of the policies of RUN: the true one, that of no damage, that of another damage, or
         /// noise
         #[arg(long, default_value = Encoding::True.name())]

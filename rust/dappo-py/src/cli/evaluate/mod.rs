@@ -7,8 +7,7 @@ use std::sync::atomic::Ordering;
 use dappo_learn::config::Config;
 use dappo_learn::evaluate::{Comparison, Evaluation, RunEvaluation, evaluate, seeds_text};
 use dappo_learn::run_folder::EvaluationFolder;
-use dappo_learn::walk::Encoding;
-use dappo_nn::Policy;
+use dappo_learn::walk::{Encoding, MeanActions};
 use pyo3::prelude::*;
 use serde_json::json;
 
@@ -17,7 +16,7 @@ use super::{Caller, INTERRUPTED, console};
 use crate::errors::OrRaise;
 use crate::factory::TableFactory;
 use crate::pool::Pool;
-use runs::LoadedRun;
+use runs::{Actor, LoadedRun};
 
 pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResult<i32> {
     let encoding = arguments.encoding.get();
@@ -25,8 +24,8 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     let interrupted = caller.watch()?;
     let stop = || interrupted.load(Ordering::Relaxed);
     // Every run is loaded before the first one is evaluated: a mistake shows at once.
-    let runs = runs::load(py, &pool, arguments, &arguments.runs, encoding, None)?;
-    let others = runs::load(py, &pool, arguments, &arguments.compare, Encoding::True, runs.first())?;
+    let runs = runs::load(py, &pool, arguments, &arguments.runs, arguments.act.as_ref(), encoding, None)?;
+    let others = runs::load(py, &pool, arguments, &arguments.compare, None, Encoding::True, runs.first())?;
     if !arguments.json {
         console::write_note(&runs[0].describe());
     }
@@ -52,7 +51,7 @@ pub fn run(py: Python<'_>, arguments: &EvaluateArgs, caller: &Caller) -> PyResul
     } else {
         let seed = runs[0].config.evaluation.seed;
         let comparison = Comparison::new(&evaluations, &other_evaluations, seed);
-        let folder = runs[0].folder.evaluation_with(&runs[0].config).or_raise()?;
+        let folder = runs[0].evaluation().or_raise()?;
         let comparison = comparison.and_then(|found| found.write(&folder, encoding).map(|()| found));
         Some(comparison.or_raise()?)
     };
@@ -77,21 +76,26 @@ fn evaluate_all(
 ) -> PyResult<Option<Vec<RunEvaluation>>> {
     let mut evaluations = Vec::with_capacity(runs.len());
     for run in runs {
+        let policy: &(dyn MeanActions + Sync) = match &run.actor {
+            Actor::Own(policy, _) => policy.as_ref(),
+            Actor::Outside(policy) => {
+                policy.reset(py)?;
+                policy
+            }
+        };
         let evaluation = pool.run(py, || {
-            let folder = run.folder.evaluation_with(&run.config)?;
-            evaluate_and_save(&run.policy, &run.config, encoding, &run.factory, &folder, stop)
+            evaluate_and_save(policy, &run.config, encoding, &run.factory, &run.evaluation()?, stop)
         })?;
         let Some(evaluation) = evaluation else { return Ok(None) };
         report(run, &evaluation);
-        let (seed, env_steps) = (run.config.seed, run.env_steps);
-        evaluations.push(RunEvaluation { run: run.name(), seed, env_steps, evaluation });
+        evaluations.push(run.result(evaluation));
     }
     Ok(Some(evaluations))
 }
 
 /// Evaluates a policy and writes what was found into a folder; `None` when it was interrupted.
 pub fn evaluate_and_save(
-    policy: &Policy,
+    policy: &dyn MeanActions,
     config: &Config,
     encoding: Encoding,
     factory: &TableFactory,

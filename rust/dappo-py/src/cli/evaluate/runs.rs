@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::evaluate::{Conditions, check_seeds};
-use dappo_learn::run_folder::RunFolder;
+use dappo_learn::evaluate::{Conditions, Evaluation, RunEvaluation, check_seeds};
+use dappo_learn::run_folder::{EvaluationFolder, RunFolder};
 use dappo_learn::walk::Encoding;
 use dappo_learn::{LearnError, RunPolicy};
 use dappo_nn::Policy;
@@ -13,37 +13,51 @@ use pyo3::prelude::*;
 
 use crate::cli::args::{AtLeast, Count, EvaluateArgs};
 use crate::cli::settings;
-use crate::errors::OrRaise;
+use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
+use crate::outside_policy::{Function, OutsidePolicy};
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
+
+/// What chooses the actions.
+pub enum Actor {
+    /// The policy of the run, and the env steps that it was trained for.
+    Own(Box<Policy>, u64),
+    /// A policy of another learner in its place.
+    Outside(OutsidePolicy),
+}
 
 /// A run with everything that its evaluation needs.
 pub struct LoadedRun {
     pub folder: RunFolder,
     pub config: Config,
     pub factory: TableFactory,
-    pub policy: Policy,
-    /// Env steps that the policy was trained for.
-    pub env_steps: u64,
+    pub actor: Actor,
     /// The files of its robot.
     robot: RobotCopy,
     /// What the evaluation simulates; all runs of a command must agree.
     conditions: Conditions,
 }
 
-/// Loads the runs of one learner. `reference`, or else the first of them, decides how all are evaluated.
+/// Loads the runs of one learner, or one run with `act` in the place of its policy. `reference`, or else the first of them,
+/// decides how all are evaluated.
 pub fn load(
     py: Python<'_>,
     pool: &Pool,
     arguments: &EvaluateArgs,
     folders: &[PathBuf],
+    act: Option<&Function>,
     encoding: Encoding,
     reference: Option<&LoadedRun>,
 ) -> PyResult<Vec<LoadedRun>> {
+    if act.is_some() && folders.len() > 1 {
+        let message =
+            format!("a function takes the place of the policy of one run, got {} runs", folders.len());
+        return Err(raise(Kind::Config, message));
+    }
     let mut loaded: Vec<LoadedRun> = Vec::with_capacity(folders.len());
     for folder in folders {
-        let run = LoadedRun::open(py, pool, arguments, folder, encoding, reference.or(loaded.first()))?;
+        let run = LoadedRun::open(py, pool, arguments, folder, act, encoding, reference.or(loaded.first()))?;
         check_seeds(loaded.iter().map(|one| (one.name(), &one.config)), (&run.name(), &run.config))
             .or_raise()?;
         loaded.push(run);
@@ -57,6 +71,7 @@ impl LoadedRun {
         pool: &Pool,
         arguments: &EvaluateArgs,
         folder: &Path,
+        act: Option<&Function>,
         encoding: Encoding,
         reference: Option<&Self>,
     ) -> PyResult<Self> {
@@ -80,14 +95,42 @@ impl LoadedRun {
             let other = (folder.root(), &robot);
             reference.robot.check_same(py, reference.folder.root(), other, true)?;
         }
-        let RunPolicy { policy, env_steps, .. } =
-            pool.run(py, || load_policy(&folder, &config, encoding, &factory))?;
-        Ok(Self { folder, config, factory, policy, env_steps, robot, conditions })
+        let sizes = factory.sizes(&config).or_raise()?;
+        let actor = if let Some(function) = act {
+            encoding.check(sizes.code_length, factory.space().classes().len()).or_raise()?;
+            Actor::Outside(OutsidePolicy::new(py, function, sizes)?)
+        } else {
+            let found = pool.run(py, || load_policy(&folder, &config, encoding, &factory))?;
+            Actor::Own(Box::new(found.policy), found.env_steps)
+        };
+        Ok(Self { folder, config, factory, actor, robot, conditions })
     }
 
     /// Its run folder, as the user wrote it.
     pub fn name(&self) -> String {
         self.folder.root().display().to_string()
+    }
+
+    /// The folder for what its evaluation finds.
+    pub fn evaluation(&self) -> dappo_learn::Result<EvaluationFolder> {
+        let outside = match &self.actor {
+            Actor::Own(..) => None,
+            Actor::Outside(policy) => Some(policy.folder()),
+        };
+        self.folder.evaluation_with(&self.config, outside)
+    }
+
+    /// What was evaluated: the run and its seed, or the policy that took its place.
+    pub fn result(&self, evaluation: Evaluation) -> RunEvaluation {
+        match &self.actor {
+            Actor::Own(_, env_steps) => {
+                let (seed, env_steps) = (Some(self.config.seed), Some(*env_steps));
+                RunEvaluation { run: self.name(), seed, env_steps, evaluation }
+            }
+            Actor::Outside(policy) => {
+                RunEvaluation { run: policy.name().to_owned(), seed: None, env_steps: None, evaluation }
+            }
+        }
     }
 
     /// A line about the backend.
@@ -97,8 +140,11 @@ impl LoadedRun {
 
     /// A line above its table.
     pub fn heading(&self) -> String {
-        let (learner, seed) = (self.config.learner(), self.config.seed);
-        format!("{} · {learner} · seed {seed} · {} env steps", self.name(), self.env_steps)
+        let (run, learner, seed) = (self.name(), self.config.learner(), self.config.seed);
+        match &self.actor {
+            Actor::Own(_, env_steps) => format!("{run} · {learner} · seed {seed} · {env_steps} env steps"),
+            Actor::Outside(policy) => format!("{} in the place of the policy of {run}", policy.name()),
+        }
     }
 }
 
