@@ -5,7 +5,6 @@
 //!
 //! [`forward`] is for acting; [`MlpPass`] is for learning.
 
-use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use dappo_sim::task::Reflection;
@@ -13,8 +12,8 @@ use rayon::prelude::*;
 
 use super::Level;
 use super::elementwise::{bias_add, column_sums, tanh_backward};
-use super::matmul::Destination::{Accumulate, Overwrite};
-use super::matmul::{Matrix, matmul, matmul_strided};
+use super::layer::{Layer, Product, split_layer};
+use super::matmul::Matrix;
 use super::parity::{MlpParity, turn};
 use super::reduce::add_in_order;
 use super::tanh::bias_tanh;
@@ -52,72 +51,6 @@ fn hidden_width(sizes: &[usize]) -> usize {
     sizes[1..sizes.len() - 1].iter().sum()
 }
 
-/// A matrix that makes some outputs of a layer of some of its inputs. A layer has one of them, and two if it is that of the
-/// even and odd [parts](super::parity).
-struct Product<'a> {
-    inputs: Range<usize>,
-    outputs: Range<usize>,
-    /// `[inputs, outputs]`.
-    weight: Matrix<'a>,
-}
-
-/// A layer as it is computed.
-struct Layer<'a> {
-    inputs: usize,
-    outputs: usize,
-    products: Vec<Product<'a>>,
-    bias: &'a [f32],
-    /// Outputs that are sums and differences of pairs of units before and after the activation.
-    pairs: Range<usize>,
-}
-
-impl Layer<'_> {
-    /// Writes the product with the weight.
-    fn apply(&self, level: Level, x: &[f32], y: &mut [f32]) {
-        let rows = x.len() / self.inputs;
-        for Product { inputs, outputs, weight } in &self.products {
-            let y = &mut y[columns(rows, self.outputs, outputs)];
-            let x = Matrix::strided(&x[columns(rows, self.inputs, inputs)], rows, inputs.len(), self.inputs);
-            matmul_strided(level, y, self.outputs, Overwrite, x, *weight);
-        }
-    }
-
-    /// The transposes of the matrices on their own, which products read faster.
-    fn transposes(&self) -> Vec<Vec<f32>> {
-        self.products.iter().map(|product| product.weight.to_transposed()).collect()
-    }
-
-    /// Adds the gradient of the weight to `sum`, which is laid out like it.
-    fn add_weight_gradient(&self, level: Level, x: &[f32], gradient: &[f32], mut sum: &mut [f32]) {
-        let rows = x.len() / self.inputs;
-        for Product { inputs, outputs, .. } in &self.products {
-            let (of_weight, rest) = std::mem::take(&mut sum).split_at_mut(inputs.len() * outputs.len());
-            sum = rest;
-            let x = Matrix::strided(&x[columns(rows, self.inputs, inputs)], rows, inputs.len(), self.inputs);
-            let gradient = &gradient[columns(rows, self.outputs, outputs)];
-            let gradient = Matrix::strided(gradient, rows, outputs.len(), self.outputs);
-            matmul(level, of_weight, Accumulate, x.transposed(), gradient);
-        }
-    }
-
-    /// Writes the gradient of the inputs.
-    fn input_gradient(&self, level: Level, transposes: &[Vec<f32>], gradient: &[f32], of_inputs: &mut [f32]) {
-        let rows = gradient.len() / self.outputs;
-        for (Product { inputs, outputs, .. }, transpose) in self.products.iter().zip(transposes) {
-            let of_inputs = &mut of_inputs[columns(rows, self.inputs, inputs)];
-            let gradient = &gradient[columns(rows, self.outputs, outputs)];
-            let gradient = Matrix::strided(gradient, rows, outputs.len(), self.outputs);
-            let transpose = Matrix::new(transpose, outputs.len(), inputs.len());
-            matmul_strided(level, of_inputs, self.inputs, Overwrite, gradient, transpose);
-        }
-    }
-}
-
-/// Where some columns of a matrix lie, from the first of the first row to the last of the last row.
-fn columns(rows: usize, width: usize, columns: &Range<usize>) -> Range<usize> {
-    columns.start..rows.saturating_sub(1) * width + columns.end
-}
-
 fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
     assert!(sizes.len() >= 2, "an MLP has an input and an output size");
     assert_eq!(Some(parameters.len()), parameter_count(sizes), "parameters of an MLP of sizes {sizes:?}");
@@ -132,35 +65,6 @@ fn layers<'a>(sizes: &[usize], mut parameters: &'a [f32]) -> Vec<Layer<'a>> {
         parameters = rest;
     }
     layers
-}
-
-/// The layers of a net that is its own mirror image, of parameters that [`MlpParity::fold`] laid out.
-fn folded_layers<'a>(parity: &MlpParity, mut folded: &'a [f32]) -> Vec<Layer<'a>> {
-    let mut layers = Vec::new();
-    for (from, to, is_last) in parity.layers() {
-        let parts = from.parts().into_iter().zip(to.parts());
-        let products = parts.map(|(inputs, outputs)| {
-            let (weight, rest) = folded.split_at(inputs.len() * outputs.len());
-            folded = rest;
-            Product { weight: Matrix::new(weight, inputs.len(), outputs.len()), inputs, outputs }
-        });
-        let products = products.collect();
-        let (bias, rest) = folded.split_at(to.len());
-        folded = rest;
-        let pairs = if is_last { 0..0 } else { to.pairs() };
-        layers.push(Layer { inputs: from.len(), outputs: to.len(), products, bias, pairs });
-    }
-    layers
-}
-
-/// The gradients of one layer, cut off the front of `gradients`.
-#[expect(clippy::mut_mut, reason = "a cursor into a slice is a mutable reference to it")]
-fn split_layer<'a>(gradients: &mut &'a mut [f32], layer: &Layer<'_>) -> (&'a mut [f32], &'a mut [f32]) {
-    let weight = layer.products.iter().map(|product| product.inputs.len() * product.outputs.len()).sum();
-    let (weight, rest) = std::mem::take(gradients).split_at_mut(weight);
-    let (bias, rest) = rest.split_at_mut(layer.outputs);
-    *gradients = rest;
-    (weight, bias)
 }
 
 /// Sends one block through all layers; `hidden` receives the activations, `out` the result.
@@ -369,7 +273,7 @@ impl MlpPass {
     fn layers<'a>(&self, parameters: &'a [f32], folded: &'a [f32]) -> Vec<Layer<'a>> {
         match &self.parity {
             None => layers(&self.sizes, parameters),
-            Some(parity) => folded_layers(parity, folded),
+            Some(parity) => parity.layers(folded),
         }
     }
 

@@ -6,6 +6,7 @@
 
 pub(crate) mod adam;
 mod elementwise;
+mod layer;
 mod level;
 pub mod lstm;
 mod lstm_cell;

@@ -17,7 +17,9 @@ use std::ops::Range;
 use dappo_sim::task::Reflection;
 
 use super::Level;
+use super::layer::{Layer, Product};
 use super::level::for_every_level;
+use super::matmul::Matrix;
 
 /// The parts of the vectors at one level of a net, `[even, odd]`: entries that stay as they are, sums of pairs, differences
 /// of pairs, entries that change their sign.
@@ -178,7 +180,7 @@ impl MlpParity {
     }
 
     /// Inputs and outputs of each layer, and whether the outputs are those of the net.
-    pub fn layers(&self) -> impl Iterator<Item = (&Parity, &Parity, bool)> {
+    fn ends(&self) -> impl Iterator<Item = (&Parity, &Parity, bool)> {
         let last = self.levels.len() - 2;
         self.levels.windows(2).enumerate().map(move |(index, pair)| (&pair[0], &pair[1], index == last))
     }
@@ -190,7 +192,7 @@ impl MlpParity {
     /// parameters `[parameter_count(sizes)]`
     pub fn fold(&self, level: Level, mut parameters: &[f32]) -> Vec<f32> {
         let mut folded = Vec::with_capacity(parameters.len());
-        for (inputs, outputs, is_last) in self.layers() {
+        for (inputs, outputs, is_last) in self.ends() {
             let (weight, rest) = parameters.split_at(inputs.len() * outputs.len());
             let (bias, rest) = rest.split_at(outputs.len());
             parameters = rest;
@@ -206,13 +208,32 @@ impl MlpParity {
         folded
     }
 
+    /// The layers of a net whose parameters [`MlpParity::fold`] has laid out.
+    pub fn layers<'a>(&self, mut folded: &'a [f32]) -> Vec<Layer<'a>> {
+        let mut layers = Vec::new();
+        for (from, to, is_last) in self.ends() {
+            let parts = from.parts().into_iter().zip(to.parts());
+            let products = parts.map(|(inputs, outputs)| {
+                let (weight, rest) = folded.split_at(inputs.len() * outputs.len());
+                folded = rest;
+                Product { weight: Matrix::new(weight, inputs.len(), outputs.len()), inputs, outputs }
+            });
+            let products = products.collect();
+            let (bias, rest) = folded.split_at(to.len());
+            folded = rest;
+            let pairs = if is_last { 0..0 } else { to.pairs() };
+            layers.push(Layer { inputs: from.len(), outputs: to.len(), products, bias, pairs });
+        }
+        layers
+    }
+
     /// The gradient of the parameters, averaged with its mirror image, from that of what [`MlpParity::fold`] makes of them,
     /// which it leaves in disorder.
     ///
     /// # Shapes
     /// gradient as `fold` lays it out, parameters `[parameter_count(sizes)]`
     pub fn unfold(&self, level: Level, mut gradient: &mut [f32], mut parameters: &mut [f32]) {
-        for (inputs, outputs, is_last) in self.layers() {
+        for (inputs, outputs, is_last) in self.ends() {
             let (weight, rest) = std::mem::take(&mut parameters).split_at_mut(inputs.len() * outputs.len());
             let (bias, rest) = rest.split_at_mut(outputs.len());
             parameters = rest;
