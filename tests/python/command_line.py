@@ -20,10 +20,11 @@ from .. import processes
 
 TINY = (
     *("--threads", "1", "--envs", "4", "--set"),
-    *("horizon=16", "env.max_episode_steps=20", "ppo.hidden=[8]"),
+    *("horizon=16", "env.max_episode_steps=20", "ppo.hidden=[8]", "ppo.schedule=constant"),
     *("evaluation.episodes=1", "damage.max_damaged_limbs=1", "checkpoint.every=3"),
 )
-"""A training so small that a process spends most of its time on imports."""
+"""A training so small that a process spends most of its time on imports. Its learning rates do not
+depend on the budget, so that a part of it is the beginning of the whole."""
 ITERATION = 64
 """Env steps of one iteration of a tiny training."""
 

@@ -13,7 +13,7 @@ from dappo_batch.render import RenderError, Walk
 from .command_line import dappo_batch_many
 
 CONTROLLER_SIZES = (
-    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]"),
+    *("--threads", "2", "--envs", "256", "--set", "horizon=32", "ppo.hidden=[32]", "ppo.schedule=constant"),
     *("damage.max_damaged_limbs=1", "evaluation.episodes=1", "env.max_episode_steps=200"),
 )
 

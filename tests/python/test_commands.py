@@ -28,6 +28,7 @@ OPTIONS: TrainingOptions = {
         "horizon": 16,
         "env": {"max_episode_steps": 20},
         "ppo.hidden": [8],
+        "ppo.schedule": "constant",
         "evaluation.episodes": 1,
         "damage.max_damaged_limbs": 1,
         "checkpoint.every": 3,

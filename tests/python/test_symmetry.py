@@ -342,7 +342,14 @@ def test_a_hinge_may_turn_the_other_way(tmp_path: Path) -> None:
     assert signs == [1.0, 1.0, 1.0] * 2 + [-1.0, 1.0, 1.0] * 2
 
 
-SHORT = ("--set", "env.num_envs=8", "horizon=8", "evaluation.episodes=1", "ppo.hidden=[9]")
+SHORT = (
+    "--set",
+    "env.num_envs=8",
+    "horizon=8",
+    "evaluation.episodes=1",
+    "ppo.hidden=[9]",
+    "ppo.schedule=constant",
+)
 
 
 def symmetry_of(run: Path) -> object:

@@ -31,7 +31,7 @@ def ant(parts: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     small = ("--timesteps", str(STEPS), "--onset", "15-18", "--delay", "3-30", "--backend", "mujoco")
     network = ("epochs=15", "schedule=cosine", "embedding=32", "lstm=16", "hidden=[32]")
     done = dappo_batch_many(
-        (*record, *windows, "--rollouts", "500", "--out", root / "data"),
+        (*record, *windows, "--rollouts", "1500", "--out", root / "data"),
         (*record, *small, "--rollouts", "8", "--out", root / "few"),
         ("diagnose", "train", root / "data", "--out", root / "diagnoser", "--set", *network),
         ("export", parts / "aware", "--diagnoser", root / "diagnoser", "--out", root / "export"),
@@ -114,15 +114,15 @@ def test_the_policy_has_the_code_of_no_damage_and_later_perhaps_that_of_a_class(
 
 def test_damage_of_an_ant_is_recognised_without_a_twin(parts: Path, ant: Path) -> None:
     # The diagnoser is small, and never sure.
-    at = ("--at", str(ONSET), "--episodes", "6", "--json", "--all-classes", "--controller", "confidence=0.5")
+    at = ("--at", str(ONSET), "--episodes", "12", "--json", "--all-classes", "--controller", "confidence=0.5")
     out, _ = run("adapt", parts / "aware", "--diagnoser", ant / "diagnoser", *at)
     summary = json.loads(out)["summary"]
     healthy, *damaged = summary["classes"]
     # By chance, one in nine would be right.
     assert summary["correct_last"] > 0.5
     assert summary["correct_first"] > 0.4
-    assert healthy["correct_last"] >= 2, "a false alarm ends by itself"
-    assert np.mean([row["detected"] for row in damaged]) > 4
+    assert healthy["correct_last"] > 12 - healthy["false_alarms"], "a false alarm ends by itself"
+    assert np.mean([row["detected"] for row in damaged]) > 8
     assert healthy["tracking_before"] is None
 
 
