@@ -175,7 +175,7 @@ class AsConfigured(Ours):
     """``dappo-batch train`` with the default sizes."""
 
     key = "ours lanes, as configured"
-    about = "dappo-batch train --backend lanes with the batch and the epochs of configs/ant.toml, which differ"
+    about = "dappo-batch train --backend lanes with the batch of configs/ant.toml: different batch and epochs"
     physics = "lanes f32"
 
     def options(self, task: Task) -> list[str]:
