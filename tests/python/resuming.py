@@ -23,7 +23,8 @@ def trained_twice(folder: Path, robot: str, iterations: int, **settings: Any) ->
     """
     options: dict[str, Any] = {"robot": robot, "num_envs": 8, "seed": 3}
     small = {"horizon": 16, "ppo.hidden": [8], "checkpoint.every": 1, "evaluation.episodes": 1}
-    options["set"] = small | settings
+    # The halves have another budget than the whole.
+    options["set"] = small | {"ppo.schedule": "constant"} | settings
     whole = db.train(folder / "whole", total_steps=iterations * ITERATION, **options)
     part = db.train(folder / "part", total_steps=iterations // 2 * ITERATION, **options)
     resumed = db.resume(part.path, total_steps=iterations * ITERATION)
