@@ -94,6 +94,7 @@ class VectorEnv:
         seeds: NDArray[np.uint64],
         reward: str | None = None,
         observe_damage: bool = True,
+        history: int | None = None,
         autoreset: str = "next_step",
         max_episode_steps: int | None = None,
         class_weights: NDArray[np.float64] | None = None,

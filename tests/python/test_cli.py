@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import dappo_batch as package
+from dappo_batch import load_run
 from dappo_batch._core import DamageSpace, run_cli
 
 from .. import processes
@@ -231,6 +232,17 @@ def test_the_hexapod_learns_in_the_four_stages_of_the_paper(capfd: pytest.Captur
 def test_the_expert_is_trained_on_the_healthy_robot_alone(capfd: pytest.CaptureFixture[str]) -> None:
     stages = config(capfd, "--robot", "hexapod", "--healthy")["curriculum"]
     assert stages == [{"name": "healthy", "budget": 1.0, "mix": "healthy"}]
+
+
+def test_a_specialist_is_trained_on_one_damage_alone(tmp_path: Path) -> None:
+    run, damage = tmp_path / "run", "jammed_joint@0+missing_toe@2"
+    two_limbs = ("damage.max_damaged_limbs=2", "ppo.symmetry=true")
+    dappo_batch("train", *TINY, *two_limbs, "--damage", damage, "--steps", "64", "--run", run)
+    assert load_run(run).config["curriculum"] == [{"name": damage, "budget": 1.0, "mix": damage}]
+    _, error = dappo_batch("train", *TINY, "--damage", "missing_toe@7", "--steps", "64", code=1)
+    assert "missing_toe@7" in error
+    _, error = dappo_batch("train", "--damage", damage, "--healthy", code=2)
+    assert "cannot be used with '--healthy'" in error
 
 
 def test_the_smoke_configuration_trains(tmp_path: Path) -> None:

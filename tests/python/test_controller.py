@@ -17,6 +17,7 @@ import dappo_batch
 from dappo_batch import Controller
 
 from .command_line import dappo_batch as run
+from .conftest import CONTROLLER_SIZES
 
 CLASSES = 9
 ONSET = 60
@@ -341,6 +342,20 @@ def test_what_cannot_be_used_is_rejected_with_the_reason(parts: Path) -> None:
         "adapt", *equipment(parts), "--damage", "1", "--unaware", parts / "aware", *at(ONSET), code=1
     )
     assert "observes the damage" in err
+
+
+def test_a_policy_without_code_walks_with_the_history_that_it_observes(parts: Path, tmp_path: Path) -> None:
+    """Its healthy episodes are those of an evaluation, where it has envs of its own."""
+    stacked = tmp_path / "stacked"
+    sizes = (*CONTROLLER_SIZES, "env.max_episode_steps=30")
+    run("train", *sizes, "--unaware", "--history", "3", "--steps", "8192", "--run", stacked)
+    short = ("--at", "1", "--episodes", "2", "--set", "env.max_episode_steps=30", "--seed", "1000000")
+    out, _ = run("adapt", *equipment(parts), "--damage", "healthy", "--unaware", stacked, *short, "--json")
+    (healthy,) = json.loads(out)["summary"]["classes"]
+    evaluated = dappo_batch.evaluate(stacked, episodes=2, threads=1).runs[0].classes[0]
+    # `adapt` counts from the second step on; in the first one robots hardly move.
+    assert healthy["unaware"] == pytest.approx(evaluated.forward_reward, abs=0.2)
+    assert abs(healthy["unaware"] - healthy["no_adaptation"]) > 2
 
 
 def test_a_damage_that_the_controller_does_not_know_is_mapped_to_one_that_it_does(parts: Path) -> None:

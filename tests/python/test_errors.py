@@ -105,7 +105,16 @@ def _refuses_all(call: Callable[[Any], object], *others: object, takes: type | t
     "name",
     [
         *("robot", "num_envs", "damage", "reward", "observe_damage", "autoreset", "seed", "threads", "onset"),
-        *("max_episode_steps", "severity", "max_damaged_limbs", "physics", "copy", "device", "backend"),
+        *(
+            "max_episode_steps",
+            "history",
+            "severity",
+            "max_damaged_limbs",
+            "physics",
+            "copy",
+            "device",
+            "backend",
+        ),
         "precision",
     ],
 )
@@ -182,7 +191,18 @@ def test_a_policy_refuses_what_is_no_observation_and_no_class(run: Path) -> None
     "name",
     [
         *("robot", "config", "num_envs", "total_steps", "seed", "learner", "unaware", "healthy", "reward"),
-        *("physics", "set", "device", "backend", "precision", "threads", "callback", "bogus"),
+        *(
+            "history",
+            "damage",
+            "physics",
+            "set",
+            "device",
+            "backend",
+            "precision",
+            "threads",
+            "callback",
+            "bogus",
+        ),
     ],
 )
 def test_every_option_of_a_training_refuses_what_it_is_not(tmp_path: Path, name: str) -> None:

@@ -536,6 +536,10 @@ def test_terms_may_be_python_functions_over_all_envs(
     ):
         with pytest.raises(db.ConfigError, match=f"(?s){error}"):
             one_step(make, PYTHON.replace(old, new), backend)
+    with pytest.raises(
+        db.ConfigError, match="`my_terms:phase` is computed in Python, which keeps no earlier"
+    ):
+        make(PYTHON, backend, history=2)
 
 
 def one_step(make: Make, task: str, backend: str) -> None:

@@ -68,8 +68,12 @@ class TrainingOptions(Simulation, total=False):
         ``cpu`` or ``gpu``: where the networks are computed.
     unaware : bool
         Hide the damage code from the policy (PPO-Unaware); sets ``damage.min_class_steps`` to 0.
+    history : int
+        Env steps that the policy observes, instead of the last one alone.
     healthy : bool
         Train only on the healthy robot (the expert).
+    damage : str
+        Train only on this damage (a specialist), for example ``"missing_toe@1"``.
     reward, physics : str
         Name of a reward function of the robot; ``rk4`` or ``euler``.
     set : mapping
@@ -83,7 +87,9 @@ class TrainingOptions(Simulation, total=False):
     seed: int
     learner: str
     unaware: bool
+    history: int
     healthy: bool
+    damage: str
     reward: str
     physics: Physics
     set: Mapping[str, Any]

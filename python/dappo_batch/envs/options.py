@@ -53,6 +53,10 @@ class EnvOptions(TypedDict, total=False):
         Name of a reward in the robot TOML (``"paper"``, ``"gym"``); by default its ``reward.default``.
     observe_damage : bool
         Append the damage code of the active damage to every observation; true by default.
+    history : int
+        Env steps whose values of every term are observed, the oldest first, from 1 to 1000; by default as the
+        task of the robot has it, which is one step with the built-in ones. Of damage codes only the last one
+        is observed.
     seed : int or sequence of int
         Seeds of the random streams, as in `reset`; by default from the operating system's entropy.
     onset : int or (int, int)
@@ -95,6 +99,7 @@ class EnvOptions(TypedDict, total=False):
     min_class_steps: int
     reward: str | None
     observe_damage: bool
+    history: int | None
     seed: Seed
     onset: int | tuple[int, int]
     damage_duration: int | tuple[int, int] | None
@@ -147,6 +152,7 @@ _DEFAULTS: VectorEnvOptions = {
     "min_class_steps": 0,
     "reward": None,
     "observe_damage": True,
+    "history": None,
     "seed": None,
     "onset": (0, 0),
     "damage_duration": None,

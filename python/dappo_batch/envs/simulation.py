@@ -39,6 +39,8 @@ __all__ = [
 RGB_ARRAY = "rgb_array"
 """The only render mode."""
 
+MOST_HISTORY = 1000  # env steps, as in task files
+
 PICTURE_SIZE = (480, 480)  # height, width in pixels
 
 
@@ -113,6 +115,7 @@ def native_env(table: ClassTable, num_envs: int, options: VectorEnvOptions) -> _
         seeds=keys,
         reward=None if reward is None else text(reward, "reward"),
         observe_damage=boolean(options["observe_damage"], "observe_damage"),
+        history=_size(options["history"], "history", MOST_HISTORY),
         autoreset=autoreset_mode(options["autoreset"]).name.lower(),
         max_episode_steps=_size(options["max_episode_steps"], "max_episode_steps"),
         class_weights=class_weights(table.space, options["damage"]),

@@ -121,7 +121,8 @@ def _episode(run: Run, damage: str) -> _Episode:
     """Simulate an episode with a run's own robot, from a start state that is the same for all runs."""
     policy = Policy.load(run.path, threads=1, robot_changed="use-run")
     table = _class_table(run)
-    robot = make_vec(table, damage=damage, observe_damage=False, threads=1)
+    history = run.config["env"].get("history")
+    robot = make_vec(table, damage=damage, observe_damage=False, history=history, threads=1)
     obs, infos = robot.reset(seed=0)
     command = np.array(infos["command"][0]) if "command" in infos else None
     positions, velocities = [_position(robot.get_state()[0])], []

@@ -93,6 +93,12 @@ impl<'py> ClassTable<'py> {
         Ok(Self { object: object.clone(), robot, space, layout })
     }
 
+    /// The table of the robot [with this history](Robot::with_history).
+    pub fn with_history(self, steps: Option<usize>) -> PyResult<Self> {
+        let robot = self.robot.with_history(steps).or_raise()?;
+        Ok(Self { robot, ..self })
+    }
+
     /// The compiled robot of the lane engine if `kind` allows it, or else why not; empty if it was not
     /// requested.
     pub fn lane_table(&self, kind: BackendKind) -> PyResult<Result<LaneTable, String>> {

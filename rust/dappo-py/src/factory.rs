@@ -31,6 +31,7 @@ use crate::warp::{self, Room, WarpEngine};
 pub struct TableFactory {
     table: Py<PyAny>,
     robot: Robot,
+    history: Option<usize>,
     space: DamageSpace,
     layout: Layout,
     /// Integrator of the compiled models, as MuJoCo names it.
@@ -66,7 +67,7 @@ impl TableFactory {
             None => config.robot.as_str().into_bound_py_any(py)?,
         };
         let object = module.call_method("compile_class_table", (robot,), Some(&options))?;
-        let table = ClassTable::read(&object)?;
+        let table = ClassTable::read(&object)?.with_history(config.env.history)?;
         let lanes = table.lane_table(config.env.backend)?;
         if lanes.is_ok() {
             // An unusable instruction set is an error before there is a run folder.
@@ -82,6 +83,7 @@ impl TableFactory {
             evaluation: physics(config.evaluation.device, config.evaluation.precision),
             lanes,
             robot: table.robot,
+            history: config.env.history,
             space: table.space,
             layout: table.layout,
             table: object.unbind(),
@@ -191,7 +193,7 @@ impl TableFactory {
             BackendOptions { reward, training, num_envs, threads: self.threads, physics, room: self.room };
         Python::attach(|py| {
             ClassTable::read(self.table.bind(py))
-                .and_then(|table| table.backend(&self.lanes, options))
+                .and_then(|table| table.with_history(self.history)?.backend(&self.lanes, options))
                 .map_err(|error| to_sim(py, &error))
         })
     }

@@ -74,8 +74,8 @@ type States<'py> = Bound<'py, PyArray2<f64>>;
 #[pymethods]
 impl PyVectorEnv {
     #[new]
-    #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, autoreset="next_step",
-                        max_episode_steps=None, class_weights=None, min_class_steps=0,
+    #[pyo3(signature = (table, *, num_envs, seeds, reward=None, observe_damage=true, history=None,
+                        autoreset="next_step", max_episode_steps=None, class_weights=None, min_class_steps=0,
                         onset=(0, 0), damage_duration=None, damage_pause=None, code_delay=(0, 0), threads=None,
                         device="cpu", backend="auto", precision="f32", njmax=None, nconmax=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
@@ -85,6 +85,7 @@ impl PyVectorEnv {
         seeds: PyReadonlyArray1<'_, u64>,
         reward: Option<&str>,
         observe_damage: bool,
+        history: Option<usize>,
         autoreset: &str,
         max_episode_steps: Option<usize>,
         class_weights: Option<PyReadonlyArray1<'_, f64>>,
@@ -100,7 +101,7 @@ impl PyVectorEnv {
         njmax: Option<usize>,
         nconmax: Option<usize>,
     ) -> PyResult<Self> {
-        let table = ClassTable::read(table)?;
+        let table = ClassTable::read(table)?.with_history(history)?;
         let config = VectorEnvConfig {
             keys: seeds.as_slice().map_err(not_contiguous)?.to_vec(),
             observe_damage,

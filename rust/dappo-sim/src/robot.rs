@@ -16,7 +16,9 @@ use regex_lite::Regex;
 use serde::Deserialize;
 
 use crate::error::SimError;
-use crate::task::{Actions, Commands, Curriculum, Events, ObservationTerm, RewardTerm, Terminations};
+use crate::task::{
+    Actions, Commands, Curriculum, Events, ObservationTerm, Quantity, RewardTerm, Terminations,
+};
 
 pub use tasks::with_task;
 
@@ -232,6 +234,26 @@ impl Robot {
             return None;
         }
         text.parse::<toml::Table>().ok()?.get("task")?.as_str().map(ToOwned::to_owned)
+    }
+
+    /// The robot with a policy that observes so many steps of every term, as a group's `history_length` in Isaac Lab; with
+    /// the numbers of its task for `None`. The value net's own terms stay as they are.
+    ///
+    /// # Errors
+    /// If a term is computed in Python, where earlier values are not kept.
+    pub fn with_history(mut self, steps: Option<usize>) -> Result<Self, SimError> {
+        let Some(steps) = steps else { return Ok(self) };
+        for term in &mut self.observation.policy.terms {
+            if let Quantity::Python { function, .. } = &term.quantity {
+                return Err(SimError::Config(format!(
+                    "robot `{}`: a history of {steps} steps cannot be observed, as the term `{function}` is computed in \
+                     Python, which keeps no earlier values",
+                    self.name
+                )));
+            }
+            term.history = steps;
+        }
+        Ok(self)
     }
 
     /// The reward function of this name; the robot's default for `None`.

@@ -73,6 +73,8 @@ _FLAGS = (
         "--json",
         "--unaware",
         "--healthy",
+        "--history",
+        "--damage",
         "--expert",
         "--trigger",
         "--controller",

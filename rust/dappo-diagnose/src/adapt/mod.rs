@@ -36,11 +36,11 @@ pub struct Contest {
 impl Contest {
     /// Runs the episodes of a trial with all agents; `None` once `stop` returns true.
     ///
-    /// `unaware` is a policy that observes no damage code.
+    /// `unaware` is a policy that observes no damage code, and the envs as it observes them.
     pub fn run(
         trial: &Trial,
         controller: &mut Controller,
-        unaware: Option<&Policy>,
+        unaware: Option<(&Policy, &dyn EnvFactory)>,
         classes: &KnownClasses,
         (config, factory): (&Config, &dyn EnvFactory),
         stop: &dyn Fn() -> bool,
@@ -53,7 +53,7 @@ impl Contest {
         let Some(no_adaptation) = run(encoded(Encoding::Zero))? else { return Ok(None) };
         let unaware = match unaware {
             None => None,
-            Some(policy) => match run(Agent::Unaware(policy))? {
+            Some((policy, factory)) => match trial.run(&mut Agent::Unaware(policy), config, factory, stop)? {
                 None => return Ok(None),
                 walks => walks,
             },

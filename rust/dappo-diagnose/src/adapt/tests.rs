@@ -164,6 +164,7 @@ fn run(factory: &Factory, unaware: Option<&Policy>, stop: &dyn Fn() -> bool) -> 
     config.env.max_episode_steps = Some(STEPS);
     let mut controller = controller(factory, CLASSES.len() * EPISODES);
     let known = KnownClasses::of(&factory.space);
+    let unaware = unaware.map(|policy| (policy, factory as &dyn EnvFactory));
     Contest::run(&trial, &mut controller, unaware, &known, (&config, factory), stop).unwrap()
 }
 

@@ -74,7 +74,7 @@ fn built_in(Change { key, to, .. }: &Change) -> Option<&'static str> {
             Some("its checkpoints hold states of this simulator")
         }
         ("env", "reward") => Some("its value net and its metrics are of this reward"),
-        ("env", "observe_damage") => Some("its networks have inputs for these observations"),
+        ("env", "observe_damage" | "history") => Some("its networks have inputs for these observations"),
         ("damage", name)
             if !["min_class_steps", "onset", "duration", "pause", "code_delay"]
                 .iter()

@@ -32,6 +32,8 @@ const MOST_ENVS: usize = 1 << 24;
 const MOST_ROWS: usize = 1 << 30;
 /// Steps of an episode at most, which devices count with 31 bits.
 const MOST_STEPS: usize = i32::MAX as usize;
+/// Env steps at most that a policy observes, as in task files.
+const MOST_HISTORY: usize = 1000;
 /// Worker threads at most: more than any machine has cores for.
 pub const MOST_THREADS: usize = 4096;
 
@@ -89,6 +91,9 @@ pub struct EnvSection {
     pub physics: Option<String>,
     /// Whether the policy sees the damage code (true = DA-PPO, false = PPO-Unaware).
     pub observe_damage: bool,
+    /// Env steps whose values of every term the policy observes; as the robot's task has it when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub history: Option<usize>,
     /// Steps after which an episode is truncated; the robot's when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_episode_steps: Option<usize>,
@@ -111,6 +116,7 @@ impl Default for EnvSection {
             reward: None,
             physics: None,
             observe_damage: true,
+            history: None,
             max_episode_steps: None,
             njmax: None,
             nconmax: None,
@@ -221,6 +227,7 @@ impl Config {
             ("evaluation.episodes", self.evaluation.episodes, MOST_ENVS),
             ("env.threads", self.env.threads.unwrap_or(1), MOST_THREADS),
             ("env.max_episode_steps", self.env.max_episode_steps.unwrap_or(1), MOST_STEPS),
+            ("env.history", self.env.history.unwrap_or(1), MOST_HISTORY),
             ("env.njmax", self.env.njmax.unwrap_or(1), MOST_STEPS),
             ("env.nconmax", self.env.nconmax.unwrap_or(1), MOST_STEPS),
         ] {

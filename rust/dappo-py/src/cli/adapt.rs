@@ -28,13 +28,19 @@ struct Scene {
     config: Config,
     parts: Parts,
     /// The run of `--unaware`.
-    unaware: Option<OpenRun>,
+    unaware: Option<Unaware>,
     /// Compiles the twins, with the damage classes of the controller.
     known: TableFactory,
     /// Compiles the robot: its damage may have no class of the controller.
     real: TableFactory,
     /// The damage classes of the robot, and which ones of the controller's they are.
     classes: KnownClasses,
+}
+
+/// A run whose policy observes no damage code, and the robot as it observes it.
+struct Unaware {
+    run: OpenRun,
+    real: TableFactory,
 }
 
 pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
@@ -77,12 +83,25 @@ fn trial_json(trial: &Trial) -> serde_json::Value {
     json!({ "classes": classes, "episodes": episodes, "onset": course.onset.first, "seed": seed })
 }
 
+impl Unaware {
+    fn policy(&self) -> Result<Policy> {
+        let Self { run, real } = self;
+        if run.config.env.observe_damage {
+            return Err(LearnError::Invalid(format!(
+                "the policy in {} observes the damage; --unaware takes one that was trained with --unaware",
+                run.folder.root().display()
+            )));
+        }
+        Ok(RunPolicy::newest(&run.folder, &run.config, real)?.policy)
+    }
+}
+
 impl Scene {
     fn open(py: Python<'_>, arguments: &AdaptArgs) -> PyResult<Self> {
         let run = OpenRun::open(py, &arguments.run, arguments.robot.robot_changed)?;
         let parts = arguments.controller.parts(py, &run)?;
-        let unaware = arguments.unaware.as_deref();
-        let unaware = unaware.map(|unaware| run.open_other(py, unaware, false)).transpose()?;
+        let other = arguments.unaware.as_deref();
+        let other = other.map(|other| run.open_other(py, other, false)).transpose()?;
         let OpenRun { folder, mut config, .. } = run;
         settings::simulate_with(&arguments.simulation, &mut config).or_raise()?;
         let known = TableFactory::compile(py, &config)?;
@@ -93,6 +112,12 @@ impl Scene {
             let message = format!("--set makes the robot `{real}`, but the policy controls `{known}`");
             return Err(raise(Kind::Config, message));
         }
+        let unaware = other.map(|run| {
+            let mut config = config.clone();
+            config.env.history = run.config.env.history;
+            Ok::<_, PyErr>(Unaware { run, real: TableFactory::compile(py, &config)? })
+        });
+        let unaware = unaware.transpose()?;
         let classes = KnownClasses::new(known.space(), real.space());
         Ok(Self { folder, config, parts, unaware, known, real, classes })
     }
@@ -127,21 +152,12 @@ impl Scene {
     ) -> Result<Option<Contest>> {
         let robots = trial.classes.len() * trial.episodes;
         let mut controller = self.parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
-        let unaware = self.unaware.as_ref().map(|run| self.load_unaware(run)).transpose()?;
+        let policy = self.unaware.as_ref().map(Unaware::policy).transpose()?;
+        let unaware: Option<(&Policy, &dyn EnvFactory)> =
+            policy.as_ref().zip(self.unaware.as_ref().map(|unaware| &unaware.real as _));
         let stop = || interrupted.load(Ordering::Relaxed);
         let real: (&Config, &dyn EnvFactory) = (&self.config, &self.real);
-        Contest::run(trial, &mut controller, unaware.as_ref(), &self.classes, real, &stop)
-    }
-
-    fn load_unaware(&self, run: &OpenRun) -> Result<Policy> {
-        let policy = RunPolicy::newest(&run.folder, &run.config, &self.known)?.policy;
-        if policy.code_length() > 0 {
-            return Err(LearnError::Invalid(format!(
-                "the policy in {} observes the damage; --unaware takes one that was trained with --unaware",
-                run.folder.root().display()
-            )));
-        }
-        Ok(policy)
+        Contest::run(trial, &mut controller, unaware, &self.classes, real, &stop)
     }
 
     /// Forms the summary and writes the requested files.

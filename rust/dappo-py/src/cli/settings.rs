@@ -56,8 +56,10 @@ fn add_arguments(layers: &mut Layers, arguments: &ConfigArgs) -> dappo_learn::Re
         // Without the code it does harm: the gaits of all damages are one (docs/results/go1.md).
         layers.set("damage.min_class_steps", 0)?;
     }
-    if arguments.healthy {
-        layers.add_toml("curriculum = [{ name = 'healthy', mix = 'healthy' }]", "--healthy")?;
+    let only = if arguments.healthy { Some("healthy") } else { arguments.damage.as_deref() };
+    if let Some(damage) = only {
+        let stage = ["name", "mix"].map(|key| (key.to_owned(), damage.into()));
+        layers.set("curriculum", vec![toml::Table::from_iter(stage)])?;
     }
     layers.assign(&arguments.set)
 }

@@ -111,9 +111,15 @@ arguments! {
         /// Hide the damage code from the policy (PPO-Unaware), each episode of which draws its damage class
         #[arg(long)]
         pub unaware: bool,
+        /// Let the policy observe the last N env steps instead of the last one
+        #[arg(long, value_name = "N", allow_negative_numbers = true)]
+        pub history: Option<Count<1>> => "env.history",
         /// Train on the healthy robot alone (the expert)
         #[arg(long)]
         pub healthy: bool,
+        /// Train on this damage alone (a specialist), for example missing_toe@1
+        #[arg(long, value_name = "SPEC", conflicts_with = "healthy")]
+        pub damage: Option<String>,
         /// Reward function of the robot, for example paper or gym
         #[arg(long, value_name = "NAME")]
         pub reward: Option<String> => "env.reward",
@@ -137,7 +143,7 @@ arguments! {
         pub run: Option<PathBuf>,
         /// Resume an earlier run; --steps may extend it, --set change settings that its checkpoints do not
         /// depend on
-        #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "healthy", "reward", "physics"])]
+        #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "history", "healthy", "damage", "reward", "physics"])]
         pub resume: Option<PathBuf>,
         /// Where the robot file has changed since the run began [default: stop, and print what differs]
         #[arg(long, value_name = "WHICH", requires = "resume")]
