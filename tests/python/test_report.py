@@ -76,6 +76,7 @@ def test_a_page_has_a_section_for_everything_that_was_given(folder: Path) -> Non
     assert page.headings == [
         "Overview",
         "ant: training",
+        "ant: benchmark",
         "ant: evaluation",
         "ant: damage classes",
         "ant: film strips",

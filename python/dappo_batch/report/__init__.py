@@ -20,6 +20,7 @@ def write(
     out: str | bytes | PathLike[str] = "report.html",
     *,
     figures: str | bytes | PathLike[str] | None = None,
+    csv: str | bytes | PathLike[str] | None = None,
     title: str = "dappo-batch report",
     film_strips: bool = True,
 ) -> list[Path]:
@@ -34,6 +35,8 @@ def write(
         The page.
     figures : path-like, optional
         Folder for the figures as PNG and SVG.
+    csv : path-like, optional
+        File for the table of all learners, a row for each measure.
     title : str
         Heading of the page.
     film_strips : bool
@@ -57,14 +60,18 @@ def write(
     page = folder(out, "out")
     title = text(title, "title")
     target = None if figures is None else folder(figures, "figures")
+    rows = None if csv is None else folder(csv, "csv")
     paths = [folder(path, "a path") for path in sequence(paths, "paths")]
-    if not page.parent.is_dir():
-        raise ConfigError(f"{page}: there is no folder {page.parent}")
-    if page.is_dir():
-        raise ConfigError(f"{page} is a folder, expected the name of a file")
+    for file in (page, *([rows] if rows else [])):
+        if not file.parent.is_dir():
+            raise ConfigError(f"{file}: there is no folder {file.parent}")
+        if file.is_dir():
+            raise ConfigError(f"{file} is a folder, expected the name of a file")
     require("report", "reports")
     sources = read(paths)
     html, drawings = _draw(sources, title, target, film_strips=boolean(film_strips, "film_strips"))
+    if rows is not None:
+        drawings[rows] = _table(sources)
     for path, content in drawings.items():
         _write(path, content)
     _write(page, html)
@@ -91,6 +98,12 @@ def _draw(
     return html.encode(), files
 
 
+def _table(sources: Sources) -> bytes:
+    from dappo_batch.report.sections import benchmark_table
+
+    return benchmark_table(sources).encode()
+
+
 def _write(path: Path, content: bytes) -> None:
     """Write a file atomically."""
     try:
@@ -104,10 +117,20 @@ def _shown(path: str | PathLike[str]) -> str:
     return fsencode(path).decode(errors="replace")
 
 
-def command(*, paths: Sequence[Path], out: Path, figures: Path | None, title: str, film_strips: bool) -> int:
+def command(
+    *,
+    paths: Sequence[Path],
+    out: Path,
+    figures: Path | None,
+    csv: Path | None,
+    title: str,
+    film_strips: bool,
+) -> int:
     """Run ``dappo-batch report``, see `write`, and return its exit code."""
-    page, *drawn = write(paths, out, figures=figures, title=title, film_strips=film_strips)
+    page, *drawn = write(paths, out, figures=figures, csv=csv, title=title, film_strips=film_strips)
     print(f"{_shown(page)} ({page.stat().st_size / 1e6:.1f} MB)")
+    if csv is not None:
+        print(_shown(drawn.pop()))
     if figures is not None and drawn:
         print(f"{_shown(figures)}: {len(drawn)} files")
     return 0

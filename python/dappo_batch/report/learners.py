@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch.report.score import Score, score_of
+from dappo_batch.report.specialists import HEALTHY, damage_of
 from dappo_batch.report.words import grouped_digits
 from dappo_batch.runs import Run
 from dappo_batch.runs.tables import Table
 
 __all__ = ["AWARE", "UNAWARE", "Curve", "Learner", "Scores", "learners", "matched"]
 
-AWARE, UNAWARE, EXPERT = "DA-PPO", "PPO-Unaware", "expert"
+AWARE, UNAWARE, EXPERT, SPECIALIST = "DA-PPO", "PPO-Unaware", "expert", "specialist"
 
 _POINTS = 50
 """Points of a curve."""
@@ -116,7 +117,7 @@ class Learner:
     Attributes
     ----------
     kind : str
-        `AWARE`, `UNAWARE` or `EXPERT`.
+        `AWARE`, `UNAWARE`, `EXPERT` or `SPECIALIST`.
     name : str
         The kind, and what distinguishes it from others of its kind in the same report: the settings, or a
         letter where they are too long.
@@ -152,6 +153,12 @@ class Learner:
     def env_steps(self) -> tuple[int, ...]:
         """Env steps that each run has done so far."""
         return tuple(int(run.metrics["env_steps"][-1]) for run in self.runs)
+
+    @property
+    def seconds(self) -> tuple[float, ...]:
+        """Time of rollouts and updates of each run so far, s."""
+        parts = ("rollout_seconds", "update_seconds")
+        return tuple(sum(float(np.nansum(run.metrics[part])) for part in parts) for run in self.runs)
 
     def curve(self, column: str, *, weighted: bool) -> Curve | None:
         """Average a column of the metrics over spans of env steps, up to the last one of all seeds.
@@ -273,9 +280,9 @@ def _reward(run: Run) -> str:
 
 
 def _kind(run: Run) -> str:
-    mixes = {str(stage.get("mix")) for stage in run.config.get("curriculum", ())}
-    if mixes == {"healthy"}:
-        return EXPERT
+    damage = damage_of(run)
+    if damage is not None:
+        return EXPERT if damage == HEALTHY else SPECIALIST
     return AWARE if run.observes_damage else UNAWARE
 
 
@@ -303,6 +310,8 @@ def _distinctions(own: Mapping[str, str], rivals: Sequence[Mapping[str, str]]) -
     texts = []
     for key in keys:
         value = own.get(key, "default")
+        if key == "env.history" and key not in own:
+            continue  # one step, or what the task has
         if key == "curriculum":
             texts.append(f"curriculum {_stages(value)}")
         elif key == "total_steps":

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dappo_batch.report import adaptation, diagnosis
+from dappo_batch.report import adaptation, benchmark, diagnosis
 from dappo_batch.report.figures import evaluation, training
 from dappo_batch.report.learners import Learner, learners, matched
 from dappo_batch.report.names import short_names
 from dappo_batch.report.overview import budget_differs, gain, overview
 from dappo_batch.report.page import Cell, Code, Note, Part, Section, Values
 from dappo_batch.report.picture import Picture
-from dappo_batch.report.sources import Sources
+from dappo_batch.report.score import score_of
+from dappo_batch.report.sources import Outside, Sources
+from dappo_batch.report.specialists import separated
 from dappo_batch.report.strips import strips
 from dappo_batch.report.theme import mark
 from dappo_batch.report.units import step_seconds
 from dappo_batch.report.words import rounded
+from dappo_batch.runs import Run
 from dappo_batch.runs.tables import read_text
 
-__all__ = ["sections"]
+__all__ = ["benchmark_table", "sections"]
 
 # Columns of the metrics that are drawn after those of the score: title, unit, and whether they are means over
 # episodes.
@@ -39,14 +42,14 @@ _PLACES = {"A": "on adjacent limbs", "O": "on opposite limbs", "S": "on limbs ne
 
 def sections(sources: Sources, *, with_strips: bool) -> list[Section]:
     """Return all sections that have data."""
-    found = learners(sources.runs)
+    found = learners(separated(sources.runs)[0])
     names = short_names([run.path for learner in found for run in learner.runs])
     robots = list(dict.fromkeys(learner.robot for learner in found))
     seconds = {robot: _seconds([each for each in found if each.robot == robot]) for robot in robots}
     pages = [overview(found, names, seconds, sources.notes)] if found else []
     for robot in robots:
         own = [learner for learner in found if learner.robot == robot]
-        pages += _of_robot(robot, own, seconds[robot], with_strips=with_strips)
+        pages += _of_robot(robot, own, seconds[robot], sources, with_strips=with_strips)
     if adapted := [run for learner in found for run in learner.runs if run.adaptation is not None]:
         pages.append(adaptation.outcomes(adapted, names))
     if sources.traces:
@@ -77,7 +80,7 @@ def _seconds(found: Sequence[Learner]) -> float | None:
 
 
 def _of_robot(
-    robot: str, found: Sequence[Learner], seconds: float | None, *, with_strips: bool
+    robot: str, found: Sequence[Learner], seconds: float | None, sources: Sources, *, with_strips: bool
 ) -> list[Section]:
     score = found[0].score  # all learners of a robot have the same
     curves = [
@@ -108,6 +111,7 @@ def _of_robot(
     comparable = _comparable([learner for learner in found if learner.evaluated()])
     if not comparable:
         return pages
+    pages.append(_benchmark(robot, comparable, sources))
     pairs = matched(comparable)
     pictures: list[Picture | None] = [
         evaluation.groups(robot, comparable, seconds),
@@ -124,6 +128,48 @@ def _of_robot(
     if with_strips:
         pages.append(Section(f"{robot}-strips", f"{robot}: film strips", strips(comparable)))
     return pages
+
+
+def _benchmark(robot: str, found: Sequence[Learner], sources: Sources) -> Section:
+    entries = _entries(found, sources)
+    pictures = [evaluation.profile(robot, entries)] if entries[0].shares is not None else []
+    shown = {entry.name for entry in entries}
+    notes: list[Part] = [
+        Note(f"{each.name} is not in the tables: it was evaluated with other damage classes.")
+        for each in _outside(found, sources)
+        if each.name not in shown
+    ]
+    parts = benchmark.parts(entries, _specialists(found, sources), found[0].score)
+    return Section(f"{robot}-benchmark", f"{robot}: benchmark", [*notes, *parts], pictures)
+
+
+def _entries(found: Sequence[Learner], sources: Sources) -> list[benchmark.Entry]:
+    return benchmark.entries(found, _outside(found, sources), _specialists(found, sources))
+
+
+def _outside(found: Sequence[Learner], sources: Sources) -> list[Outside]:
+    return [each for each in sources.outside if _is_of(each.run, found)]
+
+
+def _specialists(found: Sequence[Learner], sources: Sources) -> list[Run]:
+    return [run for run in separated(sources.runs)[1] if _is_of(run, found)]
+
+
+def _is_of(run: Run, found: Sequence[Learner]) -> bool:
+    """Return whether a run is one of the same robot as those of learners, and compared by the same score."""
+    first = found[0].runs[0]
+    return Path(run.robot).stem == Path(first.robot).stem and score_of(run) == found[0].score
+
+
+def benchmark_table(sources: Sources) -> str:
+    """Return the tables of all benchmarks as one CSV."""
+    evaluated = [learner for learner in learners(separated(sources.runs)[0]) if learner.evaluated()]
+    robots = dict.fromkeys(learner.robot for learner in evaluated)
+    rows = []
+    for robot in robots:
+        found = _comparable([learner for learner in evaluated if learner.robot == robot])
+        rows.append((robot, found[0].score, _entries(found, sources)))
+    return benchmark.table(rows)
 
 
 def _reward_terms(robot: str, found: Sequence[Learner]) -> list[Picture]:

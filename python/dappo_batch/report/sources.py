@@ -19,12 +19,12 @@ from dappo_batch.runs import Run, load_run
 from dappo_batch.runs.run import read_lines, read_toml
 from dappo_batch.runs.tables import Table, columns, read_csv, read_text
 
-__all__ = ["Diagnoser", "DiagnoserTest", "Sources", "Table1", "Trace", "read"]
+__all__ = ["Diagnoser", "DiagnoserTest", "Outside", "Sources", "Table1", "Trace", "read"]
 
 _TABLE1 = ("robot", "timesteps", "method", "rollouts", "seeds", "accuracy_pct", "sd_pct")
 _TRACE = ("step", "forward_velocity", "damage", "assumed", "event")
 _EXPECTED = (
-    "expected a run folder, a folder of `sweep`, `diagnose train` or `diagnose sweep`, "
+    "expected a run folder, a folder of `sweep`, `evaluate --act`, `diagnose train` or `diagnose sweep`, "
     "or a trace of `adapt --log`"
 )
 
@@ -101,11 +101,31 @@ class Trace:
         return found
 
 
+@dataclass(frozen=True)
+class Outside:
+    """An evaluation of `evaluate --act`: a policy of another learner in the place of that of a run.
+
+    Attributes
+    ----------
+    name : str
+        Name of its folder.
+    run : Run
+        The run that its episodes are those of.
+    table : Table
+        What it reached, class by class.
+    """
+
+    name: str
+    run: Run
+    table: Table
+
+
 @dataclass
 class Sources:
     """All inputs, and notes about those that are not in the report."""
 
     runs: list[Run] = field(default_factory=list)
+    outside: list[Outside] = field(default_factory=list)
     tables: list[Table1] = field(default_factory=list)
     diagnosers: list[Diagnoser] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
@@ -115,6 +135,7 @@ class Sources:
         """Return the number of inputs of each kind as text."""
         kinds: dict[str, Sequence[object]] = {
             "run": self.runs,
+            "evaluation with --act": self.outside,
             "sweep of diagnosers": self.tables,
             "diagnoser": self.diagnosers,
             "trace": self.traces,
@@ -177,6 +198,8 @@ def _add(sources: Sources, path: Path) -> None:
         raise ConfigError(f"{path} does not exist; {_EXPECTED}")
     elif (path / "table1.csv").exists():
         sources.tables.append(_table1(path / "table1.csv"))
+    elif (path / "per_class.csv").exists() and path.parent.name == "eval":
+        sources.outside.append(_outside(path))
     elif not (path / "config.toml").exists():
         raise ConfigError(f"{path} has no config.toml, sweep.json or table1.csv; {_EXPECTED}")
     elif _is_diagnoser(config := read_toml(path / "config.toml")):
@@ -186,6 +209,11 @@ def _add(sources: Sources, path: Path) -> None:
         if not run.metrics:
             raise ConfigError(f"{path} has finished no iteration yet; leave it out until it has")
         sources.runs.append(run)
+
+
+def _outside(path: Path) -> Outside:
+    table = read_csv(path / "per_class.csv", ("name", "group", "forward_reward"))
+    return Outside(path.name, load_run(path.parent.parent), table)
 
 
 def _is_diagnoser(config: Mapping[str, Any]) -> bool:

@@ -12,14 +12,13 @@ from PIL import Image
 
 from dappo_batch._core import DappoError
 from dappo_batch.envs import make_vec
-from dappo_batch.model import ClassTable, compile_class_table
 from dappo_batch.policy import Policy
 from dappo_batch.render import RenderError, Walk, frames
 from dappo_batch.report.learners import Learner
 from dappo_batch.report.page import Frame, Note, Strip, Text
+from dappo_batch.report.robots import class_table
 from dappo_batch.report.words import rounded
 from dappo_batch.runs import Run
-from dappo_batch.runs.robot_of_run import robot_of_run
 
 __all__ = ["strips"]
 
@@ -120,7 +119,7 @@ def _commanded(command: NDArray[np.float64]) -> str:
 def _episode(run: Run, damage: str) -> _Episode:
     """Simulate an episode with a run's own robot, from a start state that is the same for all runs."""
     policy = Policy.load(run.path, threads=1, robot_changed="use-run")
-    table = _class_table(run)
+    table = class_table(run)
     history = run.config["env"].get("history")
     robot = make_vec(table, damage=damage, observe_damage=False, history=history, threads=1)
     obs, infos = robot.reset(seed=0)
@@ -141,22 +140,6 @@ def _episode(run: Run, damage: str) -> _Episode:
 def _position(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a copy of the position of the only robot; later steps may reuse the array."""
     return np.array(qpos[0])
-
-
-def _class_table(run: Run) -> ClassTable:
-    """Compile the damage classes of a run from its own copy of the robot."""
-    damage = run.config.get("damage", {})
-    own, _, _ = robot_of_run(run.path, run.robot, damage, "use-run")
-    return compile_class_table(
-        own or run.robot,
-        types=damage.get("types"),
-        max_damaged_limbs=damage.get("max_damaged_limbs"),
-        max_damages_per_limb=damage.get("max_damages_per_limb"),
-        severity=damage.get("severity", 1.0),
-        severity_levels=damage.get("severity_levels", 4),
-        physics=run.config["env"].get("physics"),
-        damage_options=damage.get("options"),
-    )
 
 
 def _jpeg(picture: NDArray[np.uint8]) -> bytes:

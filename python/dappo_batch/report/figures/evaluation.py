@@ -11,12 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dappo_batch.report.benchmark import Entry
 from dappo_batch.report.figures.parts import keys, metres
 from dappo_batch.report.learners import Learner, Scores
 from dappo_batch.report.picture import HALF, Key, Picture, canvas
 from dappo_batch.report.theme import BAND, INK, MUTED, Mark, mark
 
-__all__ = ["against", "classes", "encodings", "groups"]
+__all__ = ["against", "classes", "encodings", "groups", "profile"]
 
 _ENCODINGS = {
     "true": "true damage code",
@@ -124,6 +125,35 @@ def against(robot: str, aware: Learner, unaware: Learner, number: int) -> Pictur
     caption += _of_errors([our_errors, their_errors])
     title = f"{aware.name} and {unaware.name}"
     return Picture(f"{robot}-against-{number}", title, caption, draw, tuple(legend), HALF)
+
+
+def profile(robot: str, entries: Sequence[Entry]) -> Picture:
+    """Draw in how many of the damage classes and seeds each learner reaches a share of the specialist."""
+    drawn = [(entry, np.sort(entry.shares, axis=None)) for entry in entries if entry.shares is not None]
+    marks = [
+        Mark(MUTED, "--") if entry.learner is None else replace(mark(entry.learner.place), marker="")
+        for entry, _ in drawn
+    ]
+
+    def draw(width: float) -> Figure:
+        figure, (axes,) = canvas(width, min(width, 3.2))
+        for (_, shares), how in zip(drawn, marks, strict=True):
+            reached = 1 - np.arange(len(shares) + 1) / len(shares)
+            axes.step(
+                np.append(shares, shares[-1]), reached, where="pre", color=how.colour, linestyle=how.dash
+            )
+        axes.set_xlabel("share of the specialist")
+        axes.set_ylabel("share of classes and seeds that reach it")
+        axes.set_xlim(left=min(0.0, *(float(shares[0]) for _, shares in drawn)))
+        axes.set_ylim(0.0, 1.02)
+        return figure
+
+    caption = (
+        "Share of the damage classes and seeds in which at least so much of the specialist's "
+        f"{entries[0].learner.score.name if entries[0].learner else 'score'} is reached."
+    )
+    legend = tuple(Key(entry.name, how) for (entry, _), how in zip(drawn, marks, strict=True))
+    return Picture(f"{robot}-profile", "Shares of specialists", caption, draw, legend, HALF)
 
 
 def _ends(values: _Array, errors: _Array) -> tuple[_Array, _Array]:

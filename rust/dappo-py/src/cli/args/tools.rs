@@ -15,8 +15,8 @@ use crate::factory::to_python;
 /// Arguments of `report`.
 #[derive(Debug, Args, IntoPyObjectRef)]
 pub struct ReportArgs {
-    /// A run folder, a folder of `sweep`, `diagnose train` or `diagnose sweep`, or a trace of `adapt --log`; runs that
-    /// differ in nothing but their seed are drawn as one learner
+    /// A run folder, a folder of `sweep`, `evaluate --act`, `diagnose train` or `diagnose sweep`, or a trace of `adapt
+    /// --log`; runs that differ in nothing but their seed are drawn as one learner
     #[arg(value_name = "PATH", required = true)]
     pub paths: Vec<PathBuf>,
     /// The page, which needs nothing else
@@ -25,6 +25,9 @@ pub struct ReportArgs {
     /// Write the figures into this folder, too, as PNG and SVG
     #[arg(long, value_name = "DIR")]
     pub figures: Option<PathBuf>,
+    /// Write the table of all learners into this file, too
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
     /// Heading of the page
     #[arg(long, value_name = "TEXT", default_value = "dappo-batch report")]
     pub title: String,
