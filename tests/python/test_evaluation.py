@@ -531,3 +531,58 @@ def test_functions_that_are_no_policies_are_rejected(runs: Path, tmp_path: Path)
     with pytest.raises(package.ConfigError, match="the place of the policy of one run, got 2 runs"):
         package.evaluate(run, runs / UNAWARE[1], act=fail)
     assert files(run) == before
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "name"),
+    [
+        ("severity", "0.5", "damage.severity-0.5"),
+        ("max_damaged_limbs", "1", "damage.max_damaged_limbs-1"),
+        ("onset", "{ first = 5, last = 9 }", "damage.onset.first-5_damage.onset.last-9"),
+    ],
+)
+def test_episodes_may_differ_from_those_of_the_training(
+    runs: Path, tmp_path: Path, key: str, value: str, name: str
+) -> None:
+    """As if the run had been trained with this damage: its configuration is edited for a comparison."""
+    run, edited = (shutil.copytree(runs / AWARE[0], tmp_path / place) for place in ("run", "edited"))
+    own = files(run / "eval")
+    found, _ = evaluate(run, "--set", f"damage.{key}={value}")
+    assert {path: text for path, text in files(run / "eval").items() if "/" not in path} == own
+    assert (run / "eval" / name / "per_class.csv").exists()
+    config = edited / "config.toml"
+    lines = [line for line in config.read_text().splitlines() if not line.startswith(f"{key} =")]
+    lines.insert(lines.index("[damage]") + 1, f"{key} = {value}")
+    text = "\n".join(lines)
+    config.write_text(text.replace("[damage.onset]\nfirst = 0\nlast = 0\n", "") if key == "onset" else text)
+    expected, _ = evaluate(edited, "--robot-changed", "use-file")
+    assert found["runs"][0]["classes"] == expected["runs"][0]["classes"]
+    assert found["runs"][0]["classes"] != evaluate(run)[0]["runs"][0]["classes"]
+
+
+def test_policies_of_other_damage_are_compared_with_the_same(
+    runs: Path, tmp_path: Path, downhill: Path
+) -> None:
+    single = tmp_path / "single"
+    train = ("train", "--robot", downhill, "--steps", str(ITERATION), "--run", single, *TINY)
+    dappo_batch(*train, "evaluation.episodes=2")
+    pairs = ("--set", "damage.max_damaged_limbs=2")
+    found, _ = evaluate(single, "--compare", runs / UNAWARE[0], *pairs)
+    names = [item.name for item in package.compile_class_table("ant", max_damaged_limbs=2).space.classes]
+    assert [row["name"] for row in found["runs"][0]["classes"]] == names
+    assert found["comparison"]["summary"]["gain"]["classes"] == len(names)
+    # That of the other run alone, in the same episodes.
+    assert found["others"][0]["classes"] == evaluate(runs / UNAWARE[0])[0]["runs"][0]["classes"]
+    weak = evaluate(runs / UNAWARE[0], "--set", 'damage.types=["weak_motor"]')[0]["runs"][0]["classes"]
+    assert weak[1]["name"] == "weak_motor@0"
+
+
+def test_settings_that_no_episode_depends_on_are_rejected(runs: Path) -> None:
+    for setting, expected in (
+        ("ppo.gamma=0.9", "`ppo.gamma` cannot be set for an evaluation"),
+        ("evaluation.episodes=3", "`evaluation.episodes` cannot be set for an evaluation"),
+        ('damage.types=["missing_toe", "jammed_joint"]', "whose codes are those of the types"),
+        ("damage.severity=7", "`damage.severity`"),
+    ):
+        _, error = dappo_batch("evaluate", runs / AWARE[0], "--set", setting, code=1)
+        assert expected in error

@@ -66,8 +66,8 @@ def test_learners_are_measured_over_classes_and_seeds(tmp_path: Path) -> None:
     write_run(tmp_path / "unaware", aware=False, rewards=(2.0, 2.0, 1.0, -2.0))
     page = page_of(tmp_path / "page.html", sorted(tmp_path.glob("*aware*")), TITLE)
     aware, unaware = page.table("interquartile mean")
-    # Seeds have (4 + 3 + 2 + 1) / 4 = 2.5 and 3.5. The middle four of 8 4 3 3 2 2 1 1 are 3 3 2 2. Four classes
-    # have no sixth.
+    # Seeds have (4 + 3 + 2 + 1) / 4 = 2.5 and 3.5. The middle four of 8 4 3 3 2 2 1 1 are 3 3 2 2. The worst
+    # five of four classes are all of them.
     assert aware["mean"] == "3.0 [2.5, 3.5]"
     assert aware["interquartile mean"] == "2.5 [2.5, 2.5]"
     assert (aware["seeds"], aware["worst 5"], aware["lowest class"]) == ("2", "3.0", "1.0 (missing_toe@1)")

@@ -118,6 +118,7 @@ def evaluate(
     encoding: str = "true",
     episodes: int | None = None,
     seed: int | None = None,
+    set: Mapping[str, Any] | None = None,
     robot_changed: RobotChanged | None = None,
     **simulation: Unpack[Simulation],
 ) -> EvaluationReport:
@@ -140,6 +141,9 @@ def evaluate(
         Episodes of each damage class; by default that of the run's configuration.
     seed
         Seed of the initial states.
+    set
+        Settings of the episodes that differ from those of the training, for example
+        ``{"damage.severity": 0.5}``: those of ``damage``, ``env.max_episode_steps`` and ``env.physics``.
     robot_changed
         What to do if the robot file has changed since the training; see `RobotChanged`.
     **simulation
@@ -157,6 +161,7 @@ def evaluate(
         "encoding": encoding,
         "episodes": episodes,
         "seed": seed,
+        "set": set,
         "robot_changed": robot_changed,
         **simulation,
     }

@@ -15,6 +15,9 @@ use crate::metrics::{Metrics, MetricsLog};
 use crate::robot_files::{RobotFiles, keep};
 use crate::simulator::Simulator;
 
+/// Letters at most of a setting's value in the name of a folder.
+const LONGEST_VALUE: usize = 60;
+
 /// The folder of one training run.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
@@ -135,7 +138,7 @@ impl RunFolder {
             let was_open = from.as_ref().is_some_and(|from| from.as_str() == Some("auto"));
             if let (Some(name), Some(value), false) = (evaluation_setting(&key), to, was_open) {
                 let value = value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned);
-                names.push(format!("{name}-{value}"));
+                names.push(format!("{name}-{}", file_name(&value)));
             }
         }
         let EvaluationFolder { path } = self.evaluation();
@@ -178,7 +181,21 @@ fn unusable(path: &Path, error: &dyn std::fmt::Display) -> LearnError {
 /// The name of a setting that changes the episodes of an evaluation or what simulates them.
 fn evaluation_setting(key: &str) -> Option<&str> {
     let of_episodes = key.strip_prefix("evaluation.").filter(|name| *name != "every");
-    of_episodes.or_else(|| key.strip_prefix("env.").filter(|name| *name == "backend"))
+    let of_backend = || key.strip_prefix("env.").filter(|name| *name == "backend");
+    of_episodes.or_else(of_backend).or_else(|| decides_episodes(key).then_some(key))
+}
+
+/// Whether a setting decides what an episode of a damage class is, apart from its number and seed.
+#[must_use]
+pub fn decides_episodes(key: &str) -> bool {
+    key.starts_with("damage.") || ["env.max_episode_steps", "env.physics"].contains(&key)
+}
+
+/// A value as part of a file's name.
+fn file_name(value: &str) -> String {
+    let kept =
+        |letter: char| if letter.is_ascii_alphanumeric() || ".-+@".contains(letter) { letter } else { '_' };
+    value.chars().map(kept).take(LONGEST_VALUE).collect()
 }
 
 /// A folder with the tables and numbers of an evaluation.

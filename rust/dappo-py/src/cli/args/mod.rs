@@ -117,7 +117,7 @@ arguments! {
         /// Train on the healthy robot alone (the expert)
         #[arg(long)]
         pub healthy: bool,
-        /// Train on this damage alone (a specialist), for example missing_toe@1
+        /// Train on this damage alone (a specialist), for example `missing_toe@1`
         #[arg(long, value_name = "SPEC", conflicts_with = "healthy")]
         pub damage: Option<String>,
         /// Reward function of the robot, for example paper or gym
@@ -234,6 +234,9 @@ arguments! {
         /// Seed of the initial states [default: the run's]
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         pub seed: Option<AtLeast<0>>,
+        /// Settings of the episodes that differ from those of the training, for example damage.severity=0.5
+        #[arg(long = "set", value_name = "KEY=VALUE", num_args = 1..)]
+        pub set: Vec<Assignment>,
         /// The robot.
         #[command(flatten)]
         pub robot: RobotArgs,

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use dappo_learn::config::Config;
+use dappo_learn::config::{Assignment, Change, Config, changes};
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Conditions, Evaluation, RunEvaluation, check_seeds};
-use dappo_learn::run_folder::{EvaluationFolder, RunFolder};
+use dappo_learn::run_folder::{EvaluationFolder, RunFolder, decides_episodes};
 use dappo_learn::walk::Encoding;
 use dappo_learn::{LearnError, RunPolicy};
 use dappo_nn::Policy;
@@ -75,8 +75,8 @@ impl LoadedRun {
         encoding: Encoding,
         reference: Option<&Self>,
     ) -> PyResult<Self> {
-        let OpenRun { folder, mut config, robot, .. } =
-            OpenRun::open(py, folder, arguments.robot.robot_changed)?;
+        let OpenRun { folder, config, robot, .. } = OpenRun::open(py, folder, arguments.robot.robot_changed)?;
+        let mut config = with_other_episodes(&config, &arguments.set).or_raise()?;
         match reference {
             None => apply(arguments, &mut config).or_raise()?,
             Some(reference) => {
@@ -93,7 +93,9 @@ impl LoadedRun {
             let checked = reference.conditions.check(&reference.name(), &name, &conditions);
             checked.or_raise()?;
             let other = (folder.root(), &robot);
-            reference.robot.check_same(py, reference.folder.root(), other, true)?;
+            // Otherwise the damage of all is that of the trainings.
+            let with_damage = arguments.set.is_empty();
+            reference.robot.check_same(py, reference.folder.root(), other, with_damage)?;
         }
         let sizes = factory.sizes(&config).or_raise()?;
         let actor = if let Some(function) = act {
@@ -153,6 +155,27 @@ fn apply(arguments: &EvaluateArgs, config: &mut Config) -> dappo_learn::Result<(
     config.evaluation.episodes = arguments.episodes.map_or(config.evaluation.episodes, Count::count);
     config.evaluation.seed = arguments.seed.map_or(config.evaluation.seed, AtLeast::wide);
     settings::simulate_with(&arguments.simulation, config)
+}
+
+/// The configuration of a run with settings of the user's, which may change the episodes of an evaluation alone.
+fn with_other_episodes(config: &Config, set: &[Assignment]) -> dappo_learn::Result<Config> {
+    let changed = config.clone().with(set)?;
+    for Change { key, .. } in changes(config, &changed)? {
+        if !decides_episodes(&key) {
+            return Err(LearnError::Invalid(format!(
+                "`{key}` cannot be set for an evaluation; expected a setting of [damage], `env.max_episode_steps` or \
+                 `env.physics`; episodes, seed and simulation have flags"
+            )));
+        }
+        if key == "damage.types" && config.env.observe_damage {
+            return Err(LearnError::Invalid(
+                "`damage.types` cannot be set for a policy that observes the damage, whose codes are those of the types \
+                 it was trained with; `adapt --set` has damage without a code"
+                    .into(),
+            ));
+        }
+    }
+    Ok(changed)
 }
 
 /// The newest policy of a run, if it can be given `encoding`.
