@@ -66,7 +66,7 @@ class Controller(NotPicklable):
         expert: str | bytes | PathLike[str] | None = None,
         num_robots: int = 1,
         trigger: str | None = None,
-        settings: Mapping[str, float] | None = None,
+        settings: Mapping[str, float | str] | None = None,
         threads: int = 1,
         robot_changed: RobotChanged | None = None,
     ) -> None:

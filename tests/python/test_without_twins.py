@@ -126,7 +126,7 @@ def test_damage_of_an_ant_is_recognised_without_a_twin(parts: Path, ant: Path) -
     assert healthy["tracking_before"] is None
 
 
-def controllers(parts: Path, ant: Path, num_robots: int = 1, **settings: float) -> Controller:
+def controllers(parts: Path, ant: Path, num_robots: int = 1, **settings: float | str) -> Controller:
     return Controller(parts / "aware", diagnoser=ant / "diagnoser", num_robots=num_robots, settings=settings)
 
 
@@ -190,6 +190,35 @@ def test_settings_decide_how_soon_a_diagnosis_is_accepted(parts: Path, ant: Path
     assert len(others) + 1 > len(patient)
     assert all(step >= WINDOW - 1 + 11 * 5 for step in patient)
     assert steps(confidence=1.0, agreement=150) == []
+
+
+def test_the_policy_may_be_given_the_mean_of_all_codes(parts: Path, ant: Path) -> None:
+    """Codes and actions are computed here from the diagnoser and the policy."""
+    controller = controllers(parts, ant, code="expected")
+    policy, diagnoser = (
+        Policy.load(parts / "aware"),
+        Diagnoser.load(ant / "diagnoser", expert=parts / "aware"),
+    )
+    space = dappo_batch.compile_class_table("ant", max_damaged_limbs=1).space
+    codes = np.array([item.code for item in space.classes], np.float32)
+    envs = dappo_batch.make_vec("ant", 1, observe_damage=False, max_damaged_limbs=1, seed=7)
+    obs, _ = envs.reset(options={"damage_class": "missing_toe@1", "onset": ONSET})
+    rows = [np.zeros_like(obs[0])]  # the one before the first step, which no window contains
+    for step in range(100):
+        rows = [*rows, obs[0]][-WINDOW - 1 :]
+        code = codes[0]
+        if step >= WINDOW - 1:
+            code = diagnoser.diagnose(np.array(rows), np.zeros((WINDOW, 8))) @ codes
+        action = controller.act(obs)
+        np.testing.assert_allclose(action[0], policy.act(np.concatenate([obs[0], code])), atol=1e-5)
+        obs = envs.step(action)[0]
+    assert 0.05 < code.max() < 1
+    # The assumed class is reported as with codes of assumed classes.
+    assert controller.class_names[controller.damage_classes[0]] == "missing_toe@1"
+    with pytest.raises(ConfigError, match="`code` is `expected`, which needs a diagnosis in every step"):
+        Controller(parts / "aware", diagnoser=parts / "diagnoser", settings={"code": "expected"})
+    with pytest.raises(ConfigError, match="code"):
+        controllers(parts, ant, code="guessed")
 
 
 def test_nothing_is_diagnosed_while_observations_are_lost(parts: Path, ant: Path) -> None:

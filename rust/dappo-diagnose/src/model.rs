@@ -199,16 +199,6 @@ impl Diagnoser {
         self.probabilities(&inputs)
     }
 
-    /// The most probable class of each window and its probability, given raw inputs as [`Method::write`] lays them out.
-    ///
-    /// # Shapes
-    /// inputs `[N, T, F]`; returns `[N]`
-    pub fn diagnose_all(&self, inputs: &[f32]) -> Result<Vec<(usize, f32)>> {
-        let probabilities = self.probabilities(inputs)?;
-        let rows = probabilities.chunks_exact(self.description.subject.classes());
-        Ok(rows.map(|row| (best(row), row[best(row)])).collect())
-    }
-
     /// The most probable class of a window, and its probability.
     pub fn diagnose(&self, window: &Window) -> Result<(usize, f32)> {
         let probabilities = self.probabilities_of(window)?;

@@ -3,7 +3,7 @@
 use dappo_learn::error::Result;
 use dappo_learn::walk::{Event, EventKind};
 
-use super::{ControllerConfig, Skills};
+use super::{CodeSource, ControllerConfig, Skills};
 
 /// N robots under the damage-aware policy. O = length of an observation without damage code, A = of an action.
 pub(super) struct Common {
@@ -11,6 +11,8 @@ pub(super) struct Common {
     pub config: ControllerConfig,
     /// Damage codes of all classes, `[C, code_length]`.
     codes: Vec<Vec<f32>>,
+    /// The code that the policy is given of each robot, `[N]`.
+    given: Vec<Vec<f32>>,
     pub robots: Vec<Robot>,
     /// Observations with the last finite value where a sensor has failed, `[N, O]`.
     pub obs: Vec<f32>,
@@ -33,8 +35,11 @@ pub(super) struct Robot {
 impl Common {
     pub fn new(skills: Skills, config: ControllerConfig, robots: usize) -> Self {
         let codes = &skills.diagnoser.description().subject.codes;
+        let codes: Vec<Vec<f32>> =
+            codes.iter().map(|code| code.iter().map(|&bit| f32::from(bit)).collect()).collect();
         Self {
-            codes: codes.iter().map(|code| code.iter().map(|&bit| f32::from(bit)).collect()).collect(),
+            given: vec![codes[Robot::default().class].clone(); robots],
+            codes,
             robots: vec![Robot::default(); robots],
             obs: vec![0.0; robots * skills.policy.obs_dim()],
             actions: vec![0.0; robots * skills.policy.action_dim()],
@@ -71,13 +76,26 @@ impl Common {
     /// Assumes another class of a robot.
     pub fn assume(&mut self, index: usize, class: usize) {
         self.robots[index].class = class;
+        if self.config.code == CodeSource::Assumed {
+            self.given[index].clone_from(&self.codes[class]);
+        }
         self.event(index, EventKind::Adapted { class });
+    }
+
+    /// Gives the policy the mean of the codes of all classes, weighted by their probabilities `[C]`.
+    pub fn expect(&mut self, index: usize, probabilities: &[f32]) {
+        let code = &mut self.given[index];
+        code.fill(0.0);
+        for (of_class, probability) in self.codes.iter().zip(probabilities) {
+            code.iter_mut().zip(of_class).for_each(|(entry, bit)| *entry += probability * bit);
+        }
     }
 
     /// Forgets everything about a robot.
     pub fn reset(&mut self, index: usize) {
         let (width, action_dim) = (self.obs_dim(), self.action_dim());
         self.robots[index] = Robot::default();
+        self.given[index].clone_from(&self.codes[Robot::default().class]);
         self.obs[index * width..][..width].fill(0.0);
         self.actions[index * action_dim..][..action_dim].fill(0.0);
     }
@@ -109,12 +127,12 @@ impl Common {
         }
     }
 
-    /// Lets the policy choose the actions of these robots, each with the code of its assumed class.
+    /// Lets the policy choose the actions of these robots.
     pub fn walk(&mut self, indices: &[usize]) -> Result<()> {
         if indices.is_empty() {
             return Ok(());
         }
-        let coded = |&index: &usize| self.row(index).iter().chain(&self.codes[self.robots[index].class]);
+        let coded = |&index: &usize| self.row(index).iter().chain(&self.given[index]);
         let rows: Vec<f32> = indices.iter().flat_map(coded).copied().collect();
         let chosen = self.skills.policy.mean_actions(&rows)?;
         self.act(indices, &chosen);

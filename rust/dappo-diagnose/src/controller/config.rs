@@ -29,6 +29,21 @@ pub enum Trigger {
     Observation,
 }
 
+/// Which damage code the policy is given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[derive(IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+pub enum CodeSource {
+    /// That of the assumed class.
+    #[default]
+    Assumed,
+    /// The mean of the codes of all classes, weighted by the probabilities of the last diagnosis, with the trigger
+    /// `observation`. The policy reacts to evidence before it suffices for a diagnosis, as with an estimate of the
+    /// extrinsics by an adaptation module (Kumar et al., 2021, "RMA: Rapid motor adaptation for legged robots").
+    Expected,
+}
+
 /// When a controller suspects damage and which diagnoses it accepts. Times are in control steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -60,6 +75,8 @@ pub struct ControllerConfig {
     pub diagnose_every: usize,
     /// Consecutive diagnoses of one class after which it is assumed, with the trigger `observation`.
     pub agreement: usize,
+    /// Which damage code the policy is given.
+    pub code: CodeSource,
 }
 
 impl Default for ControllerConfig {
@@ -75,6 +92,7 @@ impl Default for ControllerConfig {
             probation: 10,
             diagnose_every: 1,
             agreement: 4,
+            code: CodeSource::Assumed,
         }
     }
 }
@@ -96,6 +114,13 @@ impl ControllerConfig {
     /// theirs.
     pub fn resolved(self, diagnoser: &Description) -> Result<Self> {
         let trigger = self.trigger_with(diagnoser)?;
+        if self.code == CodeSource::Expected && trigger != Trigger::Observation {
+            return Err(LearnError::Invalid(format!(
+                "`code` is `expected`, which needs a diagnosis in every step, but the trigger is `{}`; expected the trigger \
+                 `observation`, or `code = \"assumed\"`",
+                <&str>::from(trigger)
+            )));
+        }
         let confidence = self.confidence.unwrap_or(if trigger == Trigger::Observation { 0.99 } else { 0.5 });
         Ok(Self { trigger: Some(trigger), confidence: Some(confidence), ..self })
     }

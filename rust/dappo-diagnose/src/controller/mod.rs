@@ -21,7 +21,7 @@ use dappo_nn::error::check_length;
 use dappo_sim::backend::Backend;
 
 use common::Common;
-pub use config::{ControllerConfig, Trigger};
+pub use config::{CodeSource, ControllerConfig, Trigger};
 use observation::Observation;
 pub use parts::Parts;
 pub use skills::Skills;

@@ -6,8 +6,9 @@ use std::collections::VecDeque;
 use dappo_learn::error::Result;
 use dappo_learn::walk::EventKind;
 
-use super::ControllerConfig;
 use super::common::{Common, Robot};
+use super::{CodeSource, ControllerConfig};
+use crate::head::best;
 
 /// The evidence for the damage of N robots.
 pub(super) struct Observation {
@@ -92,8 +93,14 @@ impl Observation {
     fn diagnose(&mut self, common: &mut Common, due: &[usize]) -> Result<()> {
         // Method A: the input of the network is the observations themselves.
         let windows: Vec<f32> = due.iter().flat_map(|&index| &self.robots[index].obs).copied().collect();
-        let diagnoses = common.skills.diagnoser.diagnose_all(&windows)?;
-        for (&index, (class, confidence)) in due.iter().zip(diagnoses) {
+        let probabilities = common.skills.diagnoser.probabilities(&windows)?;
+        let classes = probabilities.len() / due.len();
+        for (&index, probabilities) in due.iter().zip(probabilities.chunks_exact(classes)) {
+            if common.config.code == CodeSource::Expected {
+                common.expect(index, probabilities);
+            }
+            let class = best(probabilities);
+            let confidence = probabilities[class];
             let assumed = common.robots[index].class;
             if self.robots[index].agreement.weigh(&common.config, assumed, class, confidence) {
                 common.event(index, EventKind::Diagnosed { class, confidence, accepted: true });
