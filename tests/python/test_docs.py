@@ -28,6 +28,7 @@ EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 DRIVER = ROOT / "docs" / "examples" / "drive_exported.py"  # a whole controller, which needs an export folder
 NEEDS = {"sb3_vector_env.py": "stable_baselines3"}  # what an example needs beyond this package and its tests
 SLOW = {
+    "benchmark.py",
     "rendering.md",
     "report.md",
     "sweeps.md",

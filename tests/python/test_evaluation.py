@@ -586,3 +586,24 @@ def test_settings_that_no_episode_depends_on_are_rejected(runs: Path) -> None:
     ):
         _, error = dappo_batch("evaluate", runs / AWARE[0], "--set", setting, code=1)
         assert expected in error
+
+
+def test_codes_are_as_late_as_in_an_env(runs: Path) -> None:
+    seen: list[NDArray[np.float32]] = []
+
+    def act(obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen.append(obs[:, -8:])
+        return np.zeros((len(obs), 8), np.float32)
+
+    course = {"damage.onset": {"first": 4, "last": 4}, "damage.code_delay": {"first": 3, "last": 3}}
+    package.evaluate(runs / AWARE[0], act=act, set=course, episodes=1, threads=1)
+    envs = package.make_vec("ant", 33, onset=4, code_delay=3, max_episode_steps=20, seed=0)
+    obs, _ = envs.reset(options={"damage_class": list(range(33))})
+    for code in seen:
+        np.testing.assert_array_equal(code, obs[:, -8:])
+        obs = envs.step(np.zeros((33, 8), np.float32))[0]
+    assert [bool(code.any()) for code in seen] == [False] * 8 + [True] * (len(seen) - 8)
+    # A code that never arrives is that of a healthy robot.
+    never = ("--set", "damage.code_delay.first=1000", "damage.code_delay.last=1000")
+    late, zero = (evaluate(runs / AWARE[0], *how)[0]["runs"][0] for how in (never, ("--encoding", "zero")))
+    assert late["classes"] == zero["classes"]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Vector: TypeAlias = NDArray[np.float64]
 
-__all__ = ["Image", "Symmetry", "asymmetry", "find_symmetry"]
+__all__ = ["Image", "Symmetry", "asymmetry", "find_symmetry", "mirror_images"]
 
 _MIRROR = np.array([1.0, -1.0, 1.0])
 """Factors of a vector; those of an axial vector, such as the axis of a hinge, are their negatives."""
@@ -70,6 +70,18 @@ def find_symmetry(table: ClassTable) -> Symmetry:
         raise ConfigError(
             f"robot {table.robot.name}: left and right are not mirror images: {difference}"
         ) from None
+
+
+def mirror_images(table: ClassTable) -> list[int]:
+    """Return the id of the damage class that each one is the mirror image of, [D].
+
+    Raises
+    ------
+    ConfigError
+        If the robot is not its own mirror image.
+    """
+    limbs = find_symmetry(table).limbs
+    return [table.space.mirror_image(item.id, limbs) for item in table.space.classes]
 
 
 def asymmetry(table: ClassTable) -> str | None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dappo_batch._core import DappoError
-from dappo_batch.model.symmetry import find_symmetry
+from dappo_batch.model.symmetry import mirror_images
 from dappo_batch.report.robots import class_table
 from dappo_batch.report.score import Score
 from dappo_batch.runs import Run
@@ -69,12 +69,10 @@ def _mirror_images(damages: Sequence[Damage], run: Run) -> list[Damage]:
     if not run.config["ppo"].get("symmetry"):
         return list(damages)
     try:
-        limbs = find_symmetry(class_table(run)).limbs
+        table = class_table(run)
+        images = mirror_images(table)
     except (DappoError, OSError):
         return list(damages)
-
-    def image(part: str) -> str:
-        kind, at, limb = part.partition("@")
-        return f"{kind}@{limbs[int(limb)]}" if at else part
-
-    return [frozenset(map(image, damage)) for damage in damages]
+    classes = [frozenset(item.name.split("+")) for item in table.space.classes]
+    mirrored = {damage: classes[image] for damage, image in zip(classes, images, strict=True)}
+    return [mirrored.get(damage, damage) for damage in damages]

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PySequence, PyString};
 
 use crate::arguments::argument;
-use crate::errors::OrRaise;
+use crate::errors::{Kind, OrRaise, raise};
 
 /// One damage class: which limbs are damaged, and how.
 #[pyclass(name = "DamageClass", module = "dappo_batch", frozen)]
@@ -143,6 +143,19 @@ impl PyDamageSpace {
             Err(_) => argument(spec, "a damage", expected)?,
         };
         self.inner.parse(&text).or_raise()
+    }
+
+    /// The id of the class with the same damages of other limbs: `limbs` has the limb that takes the place of each one.
+    fn mirror_image(&self, spec: &Bound<'_, PyAny>, limbs: Vec<usize>) -> PyResult<usize> {
+        let class = &self.inner.classes()[self.parse(spec)?];
+        let image = self.inner.mirror_image(class, &limbs);
+        image.map(|image| image.id).ok_or_else(|| {
+            let (count, name) = (self.inner.limbs(), &class.name);
+            raise(
+                Kind::Config,
+                format!("limbs {limbs:?} are no order of {count} limbs; {name} has no mirror image"),
+            )
+        })
     }
 
     fn __len__(&self) -> usize {

@@ -26,6 +26,7 @@ impl Conditions {
             ("damage.onset", steps(damage.onset)),
             ("damage.duration", optional(damage.duration)),
             ("damage.pause", optional(damage.pause)),
+            ("damage.code_delay", steps(damage.code_delay)),
             ("damage.options", damage.options.to_string().trim().to_owned()),
             ("env.physics", factory.integrator().to_owned()),
             ("env.max_episode_steps", factory.env_config(config)?.max_episode_steps.to_string()),

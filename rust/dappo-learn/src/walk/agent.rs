@@ -57,8 +57,8 @@ pub(super) struct Codes<'a> {
 
 enum Source {
     None,
-    /// The active class.
-    InForce,
+    /// The active class, or the one before while the code is late.
+    True,
     /// The class of each episode, `[N]`.
     Held(Vec<usize>),
     /// Fair bits from one stream an episode, `[N]`.
@@ -80,7 +80,7 @@ impl<'a> Agent<'a> {
             Self::Unaware(_) | Self::Onboard(_) => return Codes { table: &[], source: Source::None },
             Self::Encoded(_, known, encoding) => {
                 let source = match encoding {
-                    Encoding::True => Source::InForce,
+                    Encoding::True => Source::True,
                     Encoding::Zero => Source::Held(vec![0; classes.len()]),
                     Encoding::Wrong => {
                         let other = |(mut stream, &class): (Stream, &usize)| {
@@ -130,7 +130,7 @@ impl Codes<'_> {
             rows.extend_from_slice(row);
             match &mut self.source {
                 Source::None => {}
-                Source::InForce => rows.extend_from_slice(&self.table[buffers.damage_class[index] as usize]),
+                Source::True => rows.extend_from_slice(&self.table[env.class_of_code(index)]),
                 Source::Held(classes) => rows.extend_from_slice(&self.table[classes[index]]),
                 Source::Noise(streams) => {
                     rows.extend((0..code_length).map(|_| fair_bit(&mut streams[index])));

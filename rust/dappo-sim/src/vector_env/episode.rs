@@ -162,6 +162,11 @@ impl Episode {
         self.class_of_code_at(self.step)
     }
 
+    /// The damage class whose code the last observation has.
+    pub fn class_of_last_code(&self) -> usize {
+        self.class_of_code_at(self.step.saturating_sub(1))
+    }
+
     fn class_of_code_at(&self, step: usize) -> usize {
         step.checked_sub(self.code_delay).map_or(0, |diagnosed| self.class_at(diagnosed))
     }

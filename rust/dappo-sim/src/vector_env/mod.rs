@@ -127,6 +127,13 @@ impl VectorEnv {
         self.backend.as_ref()
     }
 
+    /// The damage class whose code belongs to the last observation of an env, whether it is observed or not: that of the
+    /// active damage, or of the one before while the code is late.
+    #[must_use]
+    pub fn class_of_code(&self, env: usize) -> usize {
+        self.episodes[env].class_of_last_code()
+    }
+
     /// How often the physics of an env has diverged since the env was made.
     #[must_use]
     pub fn diverged(&self) -> u64 {
