@@ -138,6 +138,22 @@ def test_a_damage_that_does_not_exist_is_rejected(spec: str, reason: str) -> Non
         DamageSpace(4, TYPES, 2).parse(spec)
 
 
+def test_the_mirror_image_of_a_damage_is_on_the_other_side() -> None:
+    space = DamageSpace(4, TYPES, 2)
+    swapped = [3, 2, 1, 0]
+    for spec, image in (
+        ("healthy", "healthy"),
+        ("missing_toe@1", "missing_toe@2"),
+        ("jammed_joint@0+missing_toe@2", "missing_toe@1+jammed_joint@3"),
+        ("missing_toe@0+missing_toe@3", "missing_toe@0+missing_toe@3"),
+    ):
+        assert space.mirror_image(spec, swapped) == space.parse(image)
+        assert space.mirror_image(space.parse(image), swapped) == space.parse(spec)
+    for limbs in ([3, 2], [0, 0, 0, 0], "3210", [-1, 2, 1, 0], None):
+        with pytest.raises(ConfigError, match="limb"):
+            space.mirror_image("jammed_joint@0+jammed_joint@2", limbs)  # type: ignore[arg-type]
+
+
 def test_table_1_of_the_paper_is_whole_and_fits_the_damage_spaces() -> None:
     rows = read("paper_table1.csv")
     cells = {

@@ -53,16 +53,20 @@ impl PyDamageClass {
     }
 }
 
-/// The names of damage types. They are read one by one: a sequence may claim to be longer than any memory.
-fn names(types: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
-    if types.is_instance_of::<PyString>() || types.cast::<PySequence>().is_err() {
-        return argument(types, "types", "a sequence of names");
+/// The entries of a sequence, each of which must be `one`. They are read one by one: a sequence may claim to be longer than
+/// any memory.
+fn entries<'py, T>(given: &Bound<'py, PyAny>, what: &str, one: &str) -> PyResult<Vec<T>>
+where
+    T: for<'a> FromPyObject<'a, 'py>,
+{
+    if given.is_instance_of::<PyString>() || given.cast::<PySequence>().is_err() {
+        return argument(given, what, &format!("a sequence, each entry {one}"));
     }
-    let mut names = Vec::new();
-    for name in types.try_iter()? {
-        names.push(argument(&name?, "an entry of types", "a name")?);
+    let mut entries = Vec::new();
+    for entry in given.try_iter()? {
+        entries.push(argument(&entry?, &format!("an entry of {what}"), one)?);
     }
-    Ok(names)
+    Ok(entries)
 }
 
 /// All damage classes of a robot in canonical order.
@@ -84,7 +88,7 @@ impl PyDamageSpace {
     ) -> PyResult<Self> {
         let number = "a whole number of at least 0";
         let limbs = argument(limbs, "limbs", number)?;
-        let types = names(types)?;
+        let types = entries(types, "types", "a name")?;
         let max_damaged_limbs = argument(max_damaged_limbs, "max_damaged_limbs", number)?;
         let per_limb =
             max_damages_per_limb.map_or(Ok(1), |most| argument(most, "max_damages_per_limb", number))?;
@@ -146,7 +150,8 @@ impl PyDamageSpace {
     }
 
     /// The id of the class with the same damages of other limbs: `limbs` has the limb that takes the place of each one.
-    fn mirror_image(&self, spec: &Bound<'_, PyAny>, limbs: Vec<usize>) -> PyResult<usize> {
+    fn mirror_image(&self, spec: &Bound<'_, PyAny>, limbs: &Bound<'_, PyAny>) -> PyResult<usize> {
+        let limbs: Vec<usize> = entries(limbs, "limbs", "a limb")?;
         let class = &self.inner.classes()[self.parse(spec)?];
         let image = self.inner.mirror_image(class, &limbs);
         image.map(|image| image.id).ok_or_else(|| {
