@@ -26,7 +26,8 @@ use crate::task::kernels::begin_episodes::BeginEpisodes;
 use crate::task::kernels::begin_step::BeginStep;
 use crate::task::kernels::end_step::EndStep;
 use crate::task::kernels::observe_placed::ObservePlaced;
-use crate::task::plan::{Places, Plan, Task};
+use crate::task::places::Places;
+use crate::task::plan::{Plan, Task};
 use crate::task::variation::vary::Vary;
 
 /// A kernel in single precision, given what follows its launch settings.

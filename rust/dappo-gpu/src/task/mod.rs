@@ -12,6 +12,7 @@ pub mod events;
 pub mod feet;
 pub mod kernels;
 pub mod observation;
+pub mod places;
 pub mod plan;
 pub mod random;
 pub mod reset;
