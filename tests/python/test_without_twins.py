@@ -192,9 +192,13 @@ def test_settings_decide_how_soon_a_diagnosis_is_accepted(parts: Path, ant: Path
     assert steps(confidence=1.0, agreement=150) == []
 
 
-def test_the_policy_may_be_given_the_mean_of_all_codes(parts: Path, ant: Path) -> None:
+def test_the_policy_may_be_given_the_mean_of_all_codes(parts: Path, ant: Path, tmp_path: Path) -> None:
     """Codes and actions are computed here from the diagnoser and the policy."""
-    controller = controllers(parts, ant, code="expected")
+    settings = {"code": "expected"}
+    out = dappo_batch.export(
+        parts / "aware", tmp_path / "export", diagnoser=ant / "diagnoser", controller=settings
+    )
+    controller = Controller.from_export(out)
     policy, diagnoser = (
         Policy.load(parts / "aware"),
         Diagnoser.load(ant / "diagnoser", expert=parts / "aware"),

@@ -32,8 +32,6 @@ pub enum Trigger {
 /// Which damage code the policy is given.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[derive(IntoStaticStr)]
-#[strum(serialize_all = "lowercase")]
 pub enum CodeSource {
     /// That of the assumed class.
     #[default]
@@ -42,6 +40,14 @@ pub enum CodeSource {
     /// `observation`. The policy reacts to evidence before it suffices for a diagnosis, as with an estimate of the
     /// extrinsics by an adaptation module (Kumar et al., 2021, "RMA: Rapid motor adaptation for legged robots").
     Expected,
+}
+
+impl CodeSource {
+    /// Whether it is the one of controllers that do not say so.
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+    fn is_assumed(&self) -> bool {
+        *self == Self::Assumed
+    }
 }
 
 /// When a controller suspects damage and which diagnoses it accepts. Times are in control steps.
@@ -76,6 +82,7 @@ pub struct ControllerConfig {
     /// Consecutive diagnoses of one class after which it is assumed, with the trigger `observation`.
     pub agreement: usize,
     /// Which damage code the policy is given.
+    #[serde(skip_serializing_if = "CodeSource::is_assumed")]
     pub code: CodeSource,
 }
 
