@@ -108,6 +108,8 @@ def learner(config: dict[str, Any]) -> str:
     others = ", symmetric" if config["ppo"].get("symmetry", False) else ""
     if steps := config["damage"].get("min_class_steps"):
         others += f", {steps} steps a class"
+    if steps := config["env"].get("history"):
+        others += f", history of {steps} steps"
     if not config["env"]["observe_damage"]:
         return f"PPO-Unaware{others}"
     return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}{others}"
