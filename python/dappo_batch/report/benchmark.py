@@ -22,10 +22,11 @@ from dappo_batch.report.sources import Outside
 from dappo_batch.report.specialists import damage_of, references
 from dappo_batch.report.theme import mark
 from dappo_batch.report.words import grouped_digits, percent, rounded
+from dappo_batch.results.evaluation import Estimate
 from dappo_batch.runs import Run
 from dappo_batch.runs.tables import Table
 
-__all__ = ["Entry", "Estimate", "Measure", "entries", "interquartile_mean", "measure", "parts", "table"]
+__all__ = ["Entry", "Measure", "entries", "interquartile_mean", "measure", "parts", "table"]
 
 RESAMPLES = 10_000
 _AT_ONCE = 500  # resamples, which bounds the memory
@@ -38,20 +39,6 @@ _Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A number and its 95 % interval, NaN for a single seed."""
-
-    value: float
-    low: float
-    high: float
-
-    def text(self, digits: int, factor: float = 1.0) -> str:
-        """Return it as text, with its interval if there is one."""
-        value, low, high = (rounded(factor * number, digits) for number in (self.value, self.low, self.high))
-        return f"{value} [{low}, {high}]" if np.isfinite(self.low) else value
-
-
-@dataclass(frozen=True)
 class Measure:
     """What S seeds reach in C damage classes, in a few numbers.
 
@@ -60,7 +47,7 @@ class Measure:
     classes : int
         Number of classes, C.
     mean, interquartile_mean : Estimate
-        Over all S · C values.
+        Over all S · C values, with 95 % intervals; the ends are NaN for a single seed.
     worst : float
         Mean over the five lowest classes of each seed.
     lowest : float
@@ -209,6 +196,13 @@ def parts(found: Sequence[Entry], specialists: Sequence[Run], score: Score) -> l
     return tables
 
 
+def _text(estimate: Estimate, digits: int, factor: float = 1.0) -> str:
+    """Return an estimate as text, with its interval if there are several seeds."""
+    numbers = (estimate.value, estimate.low, estimate.high)
+    value, low, high = (rounded(factor * number, digits) for number in numbers)
+    return f"{value} [{low}, {high}]" if np.isfinite(estimate.low) else value
+
+
 def _name(entry: Entry) -> str | Cell:
     return entry.name if entry.learner is None else Cell(entry.learner.name, mark(entry.learner.place))
 
@@ -217,8 +211,8 @@ def _scores(found: Sequence[Entry], score: Score) -> Values:
     header = ("learner", "seeds", "env steps", "training", "mean", "interquartile mean", f"worst {_WORST}")
     rows = [
         (
-            *(_name(entry), *_training(entry), entry.score.mean.text(score.digits)),
-            entry.score.interquartile_mean.text(score.digits),
+            *(_name(entry), *_training(entry), _text(entry.score.mean, score.digits)),
+            _text(entry.score.interquartile_mean, score.digits),
             rounded(entry.score.worst, score.digits),
             f"{rounded(entry.score.lowest, score.digits)} ({entry.score.lowest_class})",
             percent(entry.fall_rate if np.isfinite(entry.fall_rate) else None),
@@ -240,7 +234,7 @@ def _shares(found: Sequence[Entry]) -> Values:
     header = ("learner", "mean, %", "interquartile mean, %", f"worst {_WORST}, %", "lowest class, %")
     rows = [
         (
-            *(_name(entry), entry.share.mean.text(1, 100), entry.share.interquartile_mean.text(1, 100)),
+            *(_name(entry), _text(entry.share.mean, 1, 100), _text(entry.share.interquartile_mean, 1, 100)),
             rounded(100 * entry.share.worst),
             f"{rounded(100 * entry.share.lowest)} ({entry.share.lowest_class})",
         )
