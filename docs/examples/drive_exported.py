@@ -25,11 +25,16 @@ JOINTS = ("hip_1", "hip_2")  # the damage class jammed_joint@0+jammed_joint@1
 JAMMED = np.radians([-0.1, 0.1])
 
 
-def network(path: Path) -> Callable[[ArrayLike], list[NDArray[np.float32]]]:
-    """Load a network as a function of one row."""
+def network(path: Path) -> Callable[..., list[NDArray[np.float32]]]:
+    """Load a network as a function of one row of each of its inputs."""
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
-    return lambda row: [out[0] for out in session.run(None, {name: np.asarray(row, np.float32)[None]})]
+    names = [put.name for put in session.get_inputs()]
+
+    def run(*rows: ArrayLike) -> list[NDArray[np.float32]]:
+        inputs = {name: np.asarray(row, np.float32)[None] for name, row in zip(names, rows, strict=True)}
+        return [out[0] for out in session.run(None, inputs)]
+
+    return run
 
 
 class Body:
@@ -74,10 +79,13 @@ class PolicyAlone:
         export = json.loads((folder / "export.json").read_text())
         self.healthy_code = np.zeros(export["policy"]["code_length"])
         self.policy = network(folder / export["policy"]["onnx"])
+        units = export["policy"].get("lstm")  # of a recurrent policy, whose hidden and cell state begin at 0
+        self.state: list[ArrayLike] = [] if units is None else [np.zeros(units), np.zeros(units)]
 
     def act(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
         """Choose the next action."""
-        return self.policy(np.concatenate([obs, self.healthy_code]))[0]
+        action, _, *self.state = self.policy(np.concatenate([obs, self.healthy_code]), *self.state)
+        return action
 
 
 class Controller:

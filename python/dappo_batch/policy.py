@@ -98,6 +98,11 @@ class Policy(NotPicklable):
         return self._core.code_length
 
     @property
+    def is_recurrent(self) -> bool:
+        """Whether the policy remembers earlier observations, as those do that are trained with ``--lstm``."""
+        return self._core.memory > 0
+
+    @property
     def class_names(self) -> list[str]:
         """Names of the damage classes, in the order of their ids."""
         return self._core.class_names
@@ -132,11 +137,78 @@ class Policy(NotPicklable):
         Raises
         ------
         ConfigError
-            If a damage class does not exist, is given to a policy that does not observe damage, or an
-            observation is not finite.
+            If a damage class does not exist, is given to a policy that does not observe damage, an
+            observation is not finite, or the policy is recurrent.
         ShapeError
             If a shape does not fit, or `damage_class` is given for observations with damage code.
         """
+        if self.is_recurrent:
+            raise ConfigError("the policy is recurrent: its actions depend on what it remembers; call `step`")
+        rows, classes, single = self._rows(obs, damage_class)
+        actions = self._core.act(rows, classes)
+        return actions[0] if single else actions
+
+    def initial_state(self, num_robots: int | None = None) -> NDArray[np.float32]:
+        """Return what the policy remembers at the start of episodes: states of its LSTM, all zero.
+
+        Parameters
+        ----------
+        num_robots
+            Number of robots, N; None for a single one.
+
+        Returns
+        -------
+        state
+            [N, 2, H], or [2, H] for a single robot; H is 0 for a policy that is not recurrent.
+        """
+        shape = (2, self._core.memory)
+        robots = () if num_robots is None else (integer(num_robots, "num_robots", 1),)
+        return np.zeros(robots + shape, np.float32)
+
+    def step(
+        self,
+        obs: ArrayLike,
+        state: ArrayLike,
+        *,
+        damage_class: str | int | Sequence[str | int] | NDArray[np.int64] | None = None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Choose actions from observations and what the policy remembers of those before.
+
+        Parameters
+        ----------
+        obs, damage_class
+            As for `act`.
+        state
+            What it remembers of each robot, hidden and cell state, [N, 2, H], or [2, H] for a single robot:
+            `initial_state` where an episode begins, and else what the last step has returned.
+
+        Returns
+        -------
+        actions
+            As of `act`.
+        state
+            What it remembers after this step.
+
+        Raises
+        ------
+        ConfigError
+            As `act`.
+        ShapeError
+            As `act`, and if `state` has another shape.
+        """
+        rows, classes, single = self._rows(obs, damage_class)
+        states = array(state, "state", np.float32)
+        finite(states, "state")
+        expected = (2, self._core.memory) if single else (len(rows), 2, self._core.memory)
+        if states.shape != expected:
+            raise ShapeError(f"state has shape {states.shape}, expected {expected}")
+        actions, after = self._core.step(rows, states[None] if single else states, classes)
+        return (actions[0], after[0]) if single else (actions, after)
+
+    def _rows(
+        self, obs: ArrayLike, damage_class: str | int | Sequence[str | int] | NDArray[np.int64] | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64] | None, bool]:
+        """Return rows, the classes whose codes they lack, and whether they are of a single robot."""
         rows = array(obs, "obs", np.float32)
         if rows.ndim not in (1, 2):
             raise ShapeError(f"obs have shape {rows.shape}, expected [N, {self.obs_dim}] or [{self.obs_dim}]")
@@ -146,8 +218,7 @@ class Policy(NotPicklable):
         if damage_class is not None and not self.observes_damage:
             raise ConfigError("the policy does not observe damage; leave damage_class out")
         is_complete = damage_class is None and rows.shape[1] == self.obs_dim + self.code_length
-        actions = self._core.act(rows, None if is_complete else self._classes(damage_class, len(rows)))
-        return actions[0] if single else actions
+        return rows, None if is_complete else self._classes(damage_class, len(rows)), single
 
     def _classes(
         self, damage_class: str | int | Sequence[str | int] | NDArray[np.int64] | None, robots: int

@@ -193,6 +193,7 @@ def test_a_policy_refuses_what_is_no_observation_and_no_class(run: Path) -> None
         *("robot", "config", "num_envs", "total_steps", "seed", "learner", "unaware", "healthy", "reward"),
         *(
             "history",
+            "lstm",
             "damage",
             "physics",
             "set",

@@ -70,6 +70,8 @@ class TrainingOptions(Simulation, total=False):
         Hide the damage code from the policy (PPO-Unaware); sets ``damage.min_class_steps`` to 0.
     history : int
         Env steps that the policy observes, instead of the last one alone.
+    lstm : int
+        Units of an LSTM with which the policy remembers its observations.
     healthy : bool
         Train only on the healthy robot (the expert).
     damage : str
@@ -88,6 +90,7 @@ class TrainingOptions(Simulation, total=False):
     learner: str
     unaware: bool
     history: int
+    lstm: int
     healthy: bool
     damage: str
     reward: str

@@ -1,6 +1,6 @@
 //! What a training takes of the memory, estimated before anything is taken.
 
-use dappo_nn::kernels::{parameter_count, partitions};
+use dappo_nn::kernels::{parameter_count, partitions, sequence};
 use dappo_sim::memory::{Bytes, of_envs};
 use dappo_sim::{Layout, SimError};
 
@@ -21,11 +21,13 @@ pub fn check_training(
     classes: usize,
 ) -> Result<(), SimError> {
     let (envs, rows) = (config.env.num_envs, Bytes::of(config.env.num_envs, config.horizon));
-    let row = |obs: usize| FLOAT * (obs * sizes.obs_dim + 2 * sizes.action_dim + 9);
+    let inputs = sizes.obs_dim.saturating_add(config.ppo.memory());
+    let row = |obs: usize| FLOAT * (obs * inputs + 2 * sizes.action_dim + 9);
     // Observations of the rollout, those that the networks see, and both batches of the value net, which come later.
     let goes_on = config.total_steps > (envs * config.horizon) as u64;
     let rollout = rows.times(row(if goes_on { 5 } else { 3 }));
-    let networks = network(config, sizes.obs_dim, sizes.action_dim).and(network(config, sizes.obs_dim, 1));
+    let networks =
+        network(config, inputs, sizes.action_dim).and(network(config, inputs, 1)).and(memory(config, sizes));
     let training = of_envs(envs, layout, sizes.obs_dim).and(rollout).and(networks);
     training.require(&format!(
         "a training with {envs} envs, a horizon of {} and hidden layers {:?}",
@@ -45,6 +47,13 @@ fn network(config: &Config, inputs: usize, outputs: usize) -> Bytes {
     let minibatch = ppo.minibatch_size.max(ppo.value_minibatch_size).min(rows);
     let copies = COPIES + partitions(minibatch);
     parameters(parameter_count(&sizes)).times(copies * FLOAT)
+}
+
+/// The memory of a recurrent policy while it learns, and what the backward pass of a minibatch needs.
+fn memory(config: &Config, sizes: Sizes) -> Bytes {
+    let Some(units) = config.ppo.lstm else { return Bytes::of(0, 1) };
+    let kept = Bytes::of(config.ppo.minibatch_size.max(config.horizon), FLOAT).times(8).times(units);
+    parameters(sequence::parameter_count(sizes.obs_dim, units)).times((COPIES + 8) * FLOAT).and(kept)
 }
 
 /// Parameters of a network; `None` stands for more than can be counted.

@@ -1,11 +1,11 @@
 //! What a policy saw and did: `horizon` steps of `num_envs` environments, time-major.
 
 use dappo_nn::error::{check_finite, check_length};
-use dappo_nn::{Decision, InputTransform};
+use dappo_nn::{Decision, InputTransform, PolicyState};
 
 use crate::error::Result;
 
-/// A rollout. T = `horizon`, N = `num_envs`, O = `obs_dim`, A = `action_dim`.
+/// A rollout. T = `horizon`, N = `num_envs`, O = `obs_dim`, A = `action_dim`, H = units of the policy's memory, if any.
 #[derive(Debug, Clone)]
 pub struct Rollout {
     /// Steps.
@@ -38,6 +38,10 @@ pub struct Rollout {
     pub last_values: Vec<f32>,
     /// What the networks were given of the observations.
     pub transform: InputTransform,
+    /// What a recurrent policy remembered before the first step, of N robots.
+    pub state: PolicyState,
+    /// Hidden states of its memory at each step, `[T, N, H]`.
+    pub hidden: Vec<f32>,
 }
 
 impl Rollout {
@@ -61,7 +65,27 @@ impl Rollout {
             final_values: vec![0.0; rows],
             last_values: vec![0.0; num_envs],
             transform,
+            state: PolicyState::default(),
+            hidden: Vec::new(),
         }
+    }
+
+    /// The same for a recurrent policy that remembers `state`.
+    #[must_use]
+    pub fn from_state(self, state: PolicyState) -> Self {
+        Self { hidden: vec![0.0; self.len() * state.units()], state, ..self }
+    }
+
+    /// Whether each step of each env is the first one of an episode, as far as the steps of the rollout tell,
+    /// `[T, N]`: those before the first step are part of its state.
+    #[must_use]
+    pub fn begins(&self) -> Vec<bool> {
+        let ended = self
+            .terminated
+            .iter()
+            .zip(&self.truncated)
+            .map(|(terminated, truncated)| *terminated || *truncated);
+        std::iter::repeat_n(false, self.num_envs).chain(ended).take(self.len()).collect()
     }
 
     /// Number of transitions, T · N.
@@ -85,6 +109,7 @@ impl Rollout {
         write_step("actions [N, A]", &mut self.actions, self.horizon, step, &decision.actions)?;
         write_step("means [N, A]", &mut self.means, self.horizon, step, &decision.means)?;
         write_step("log_probs [N]", &mut self.log_probs, self.horizon, step, &decision.log_probs)?;
+        write_step("hidden [N, H]", &mut self.hidden, self.horizon, step, &decision.hidden)?;
         write_step("values [N]", &mut self.values, self.horizon, step, &decision.values)
     }
 
@@ -114,6 +139,7 @@ impl Rollout {
         check_length("terminated [T, N]", &self.terminated, rows)?;
         check_length("truncated [T, N]", &self.truncated, rows)?;
         check_length("last_values [N]", &self.last_values, self.num_envs)?;
+        check_length("hidden [T, N, H]", &self.hidden, rows * self.state.units())?;
         for (name, what, array) in [
             ("log_probs", "log_probs [T, N]", &self.log_probs),
             ("rewards", "rewards [T, N]", &self.rewards),
@@ -159,6 +185,7 @@ mod tests {
             means: vec![2.0; rows * actions],
             log_probs: vec![3.0; rows],
             values: vec![4.0; rows],
+            hidden: Vec::new(),
         }
     }
 

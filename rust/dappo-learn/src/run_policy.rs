@@ -5,7 +5,7 @@ use dappo_nn::{Policy, cpu};
 use crate::checkpoint::Checkpoint;
 use crate::config::Config;
 use crate::envs::EnvFactory;
-use crate::error::Result;
+use crate::error::{LearnError, Result};
 use crate::run_folder::RunFolder;
 
 /// A policy, and the checkpoint that it comes from.
@@ -37,6 +37,14 @@ impl RunPolicy {
     pub fn trained(run: &RunFolder, config: &Config, factory: &dyn EnvFactory) -> Result<Self> {
         let found = Self::newest(run, config, factory)?;
         found.policy.standardizer()?;
+        Ok(found)
+    }
+
+    /// The same; fails if the policy is recurrent, too: twins and controllers do not go on with what it remembers.
+    pub fn stateless(run: &RunFolder, config: &Config, factory: &dyn EnvFactory) -> Result<Self> {
+        let found = Self::trained(run, config, factory)?;
+        let named = |error| LearnError::Invalid(format!("{}: {error}", found.run));
+        found.policy.refuse_memory().map_err(named)?;
         Ok(found)
     }
 }

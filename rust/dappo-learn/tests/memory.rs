@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicIsize, Ordering};
 use burn::tensor::Device;
 use dappo_learn::Sizes;
 use dappo_learn::{Ppo, PpoConfig, Rollout, gae};
+use dappo_nn::PolicyState;
 use dappo_sim::rng::{Purpose, Stream};
 
 /// The system's allocator with a count of what is in use.
@@ -65,7 +66,7 @@ fn update(ppo: &mut Ppo) {
     let mut rollout = Rollout::new(horizon, envs, 2, networks.transform().clone());
     for step in 0..horizon {
         let (obs, noise) = (normals(envs * 3), normals(envs * 2));
-        let decision = networks.act(&obs, &noise).unwrap();
+        let decision = networks.act(&obs, &noise, &mut PolicyState::default()).unwrap();
         let rewards: Vec<f64> =
             decision.actions.chunks_exact(2).map(|action| -f64::from(action[0] * action[1]).abs()).collect();
         rollout.record_decision(step, &obs, &decision).unwrap();

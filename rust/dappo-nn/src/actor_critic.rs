@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::error::Result;
 use crate::host::read;
-use crate::{FrozenActorCritic, Mlp, Normalizer, Policy};
+use crate::{FrozenActorCritic, Lstm, Mlp, Normalizer, Policy};
 
 /// The last policy layer starts small, so that a new policy acts around 0 in every state and its noise
 /// explores evenly (Andrychowicz et al., 2021, "What matters in on-policy RL", section 3.2).
@@ -14,7 +14,9 @@ const POLICY_OUTPUT_GAIN: f64 = 0.01;
 /// A diagonal Gaussian whose standard deviation does not depend on the state.
 #[derive(Module, Debug)]
 pub struct GaussianPolicy {
-    /// The mean of the action, given a normalised observation.
+    /// What a recurrent policy remembers of its normalised observations.
+    pub memory: Option<Lstm>,
+    /// The mean of the action, given a normalised observation and, behind it, the hidden state of the memory.
     pub mean: Mlp,
     /// Logarithm of the standard deviation of every action component, `[A]`.
     pub log_std: Param<Tensor<1>>,
@@ -29,39 +31,77 @@ pub struct ActorCritic {
     pub value: Mlp,
 }
 
+/// Widths of the two networks.
+#[derive(Debug, Clone, Copy)]
+pub struct ActorCriticSizes<'a> {
+    /// Length of an observation, privileged entries and damage code included.
+    pub obs_dim: usize,
+    /// Number of entries of an observation that the value net alone is given.
+    pub privileged: usize,
+    /// Width of the hidden state of the policy's memory, which the value net is given, too; 0 for a policy without one.
+    pub memory: usize,
+    /// Hidden layers of both networks.
+    pub hidden: &'a [usize],
+    /// Length of an action.
+    pub action_dim: usize,
+}
+
+impl ActorCriticSizes<'_> {
+    /// Length of what the policy observes, damage code included.
+    #[must_use]
+    pub fn seen(&self) -> usize {
+        self.obs_dim - self.privileged
+    }
+
+    /// `[inputs, hidden…, outputs]` of the net for the mean.
+    #[must_use]
+    pub fn mean(&self) -> Vec<usize> {
+        [&[self.seen() + self.memory], self.hidden, &[self.action_dim]].concat()
+    }
+
+    /// `[inputs, hidden…, outputs]` of the value net.
+    #[must_use]
+    pub fn value(&self) -> Vec<usize> {
+        [&[self.obs_dim + self.memory], self.hidden, &[1]].concat()
+    }
+}
+
 impl ActorCritic {
-    /// Draws new networks with hidden layers of the given widths; `normal` yields standard normals. The value net
-    /// observes rows of `obs_dim` entries, the policy the same without `privileged` ones of them.
+    /// Draws new networks; `normal` yields standard normals.
     pub fn new(
-        obs_dim: usize,
-        privileged: usize,
-        hidden: &[usize],
-        action_dim: usize,
+        sizes: ActorCriticSizes<'_>,
         initial_log_std: f64,
         normal: &mut dyn FnMut() -> f64,
         device: &Device,
     ) -> Self {
-        let sizes = |inputs: usize, outputs: usize| [&[inputs], hidden, &[outputs]].concat();
+        let ActorCriticSizes { memory, action_dim, .. } = sizes;
         let log_std = TensorData::new(vec![initial_log_std as f32; action_dim], [action_dim]);
         Self {
             policy: GaussianPolicy {
-                mean: Mlp::new(&sizes(obs_dim - privileged, action_dim), POLICY_OUTPUT_GAIN, normal, device),
+                memory: (memory > 0).then(|| Lstm::new(sizes.seen(), memory, normal, device)),
+                mean: Mlp::new(&sizes.mean(), POLICY_OUTPUT_GAIN, normal, device),
                 log_std: Param::from_data(log_std, device),
             },
-            value: Mlp::new(&sizes(obs_dim, 1), 1.0, normal, device),
+            value: Mlp::new(&sizes.value(), 1.0, normal, device),
         }
     }
 
     /// Length of an observation, privileged entries and damage code included.
     #[must_use]
     pub fn obs_dim(&self) -> usize {
-        self.value.sizes().first().copied().unwrap_or(0)
+        self.value.sizes().first().copied().unwrap_or(0) - self.memory()
+    }
+
+    /// Width of the hidden state of the policy's memory; 0 for a policy without one.
+    #[must_use]
+    pub fn memory(&self) -> usize {
+        self.policy.memory.as_ref().map_or(0, Lstm::units)
     }
 
     /// Number of entries of an observation that the value net alone is given.
     #[must_use]
     pub fn privileged(&self) -> usize {
-        self.obs_dim() - self.policy.mean.sizes().first().copied().unwrap_or(0)
+        self.obs_dim() + self.memory() - self.policy.mean.sizes().first().copied().unwrap_or(0)
     }
 
     /// Length of an action.
@@ -79,7 +119,8 @@ impl ActorCritic {
     pub fn frozen(&self, normalizer: &Normalizer) -> Result<FrozenActorCritic> {
         let transform = normalizer.transform()?;
         let seen = transform.without_privileged(self.privileged())?;
-        let policy = Policy::new(self.policy.mean.frozen()?, seen)?;
+        let memory = self.policy.memory.as_ref().map(Lstm::frozen).transpose()?;
+        let policy = Policy::recurrent(memory, self.policy.mean.frozen()?, seen)?;
         FrozenActorCritic::new(policy, self.log_std()?, self.value.frozen()?, transform)
     }
 }

@@ -21,6 +21,7 @@ mod input;
 pub mod kernels;
 pub mod lstm;
 mod lstm_op;
+mod memory;
 pub mod minibatch;
 mod mlp;
 mod normalizer;
@@ -29,7 +30,7 @@ pub mod records;
 mod standardizer;
 mod symmetry;
 
-pub use actor_critic::{ActorCritic, GaussianPolicy};
+pub use actor_critic::{ActorCritic, ActorCriticSizes, GaussianPolicy};
 pub use adam::{Gradients, adam};
 pub use device::{LearnerDevice, cpu};
 pub use diagnoser::DiagnoserNet;
@@ -38,11 +39,12 @@ pub use frozen::{Decision, FrozenActorCritic, unprivileged};
 pub use host::{read, scalar};
 pub use input::InputTransform;
 pub use lstm::EmbeddedLstm;
+pub use memory::{FrozenLstm, Lstm, PolicyState, with_hidden};
 pub use mlp::{FrozenMlp, Mlp};
 pub use normalizer::{CLIP, Normalizer};
 pub use policy::Policy;
 pub use standardizer::Standardizer;
-pub use symmetry::{MlpSymmetry, PolicySymmetry};
+pub use symmetry::{LstmSymmetry, MlpSymmetry, PolicySymmetry};
 
 /// ln √(2π), the constant of a normal log-density.
 pub const LN_SQRT_TAU: f64 = 0.918_938_533_204_672_7;

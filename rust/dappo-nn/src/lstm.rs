@@ -25,26 +25,11 @@ pub struct EmbeddedLstm {
 
 impl EmbeddedLstm {
     /// Draws the weights; `normal` yields independent standard normals.
-    ///
-    /// The recurrent weight is orthogonal, and the forget gates start open (bias 1; Jozefowicz et al., 2015,
-    /// "An empirical exploration of recurrent network architectures", section 2.2).
     pub fn new(sizes: LstmSizes, normal: &mut dyn FnMut() -> f64, device: &Device) -> Self {
         let LstmSizes { inputs, embedding, hidden } = sizes;
-        let gates = 4 * hidden;
         let embedding_layer = normal_linear(inputs, embedding, 1.0, normal, device);
-        let deviation = (1.0 / embedding as f64).sqrt();
-        let input_weight = (0..embedding * gates).map(|_| (deviation * normal()) as f32).collect();
-        let recurrent = TensorData::new(orthogonal(hidden, gates, 1.0, normal), [hidden, gates]);
-        let is_forget = |gate| (hidden..2 * hidden).contains(&gate);
-        let bias: Vec<f32> = (0..gates).map(|gate| if is_forget(gate) { 1.0 } else { 0.0 }).collect();
-        Self {
-            embedding: embedding_layer,
-            input: Linear {
-                bias: Some(Param::from_data(TensorData::new(bias, [gates]), device)),
-                ..linear(input_weight, embedding, gates, device)
-            },
-            recurrent: Param::from_data(recurrent, device),
-        }
+        let (input, recurrent) = gates(embedding, hidden, normal, device);
+        Self { embedding: embedding_layer, input, recurrent }
     }
 
     /// The widths.
@@ -82,12 +67,7 @@ impl EmbeddedLstm {
         let mut c = Tensor::zeros([windows, hidden], &entering.device());
         for step in 0..steps {
             let entering = entering.clone().narrow(1, step, 1).reshape([windows, 4 * hidden]);
-            let gates = entering + h.matmul(self.recurrent.val());
-            let part = |index: usize| gates.clone().narrow(1, index * hidden, hidden);
-            let (i, f) = (activation::sigmoid(part(0)), activation::sigmoid(part(1)));
-            let (g, o) = (part(2).tanh(), activation::sigmoid(part(3)));
-            c = f * c + i * g;
-            h = o * c.clone().tanh();
+            (h, c) = composed_step(entering, self.recurrent.val(), h, c);
         }
         h
     }
@@ -102,4 +82,46 @@ impl EmbeddedLstm {
         parts.push(self.recurrent.val().flatten(0, 1));
         Tensor::cat(parts, 0)
     }
+}
+
+/// New weights from inputs and from the hidden state to the gates.
+///
+/// The recurrent weight is orthogonal, and the forget gates start open (bias 1; Jozefowicz et al., 2015,
+/// "An empirical exploration of recurrent network architectures", section 2.2).
+pub(crate) fn gates(
+    inputs: usize,
+    hidden: usize,
+    normal: &mut dyn FnMut() -> f64,
+    device: &Device,
+) -> (Linear, Param<Tensor<2>>) {
+    let gates = 4 * hidden;
+    let deviation = (1.0 / inputs as f64).sqrt();
+    let weight = (0..inputs * gates).map(|_| (deviation * normal()) as f32).collect();
+    let recurrent = TensorData::new(orthogonal(hidden, gates, 1.0, normal), [hidden, gates]);
+    let is_forget = |gate| (hidden..2 * hidden).contains(&gate);
+    let bias: Vec<f32> = (0..gates).map(|gate| if is_forget(gate) { 1.0 } else { 0.0 }).collect();
+    let input = Linear {
+        bias: Some(Param::from_data(TensorData::new(bias, [gates]), device)),
+        ..linear(weight, inputs, gates, device)
+    };
+    (input, Param::from_data(recurrent, device))
+}
+
+/// One step composed of burn's own operations: hidden and cell states after it.
+///
+/// # Shapes
+/// entering the gates `[B, 4 H]`, recurrent `[H, 4 H]`, h and c `[B, H]`
+pub(crate) fn composed_step(
+    entering: Tensor<2>,
+    recurrent: Tensor<2>,
+    h: Tensor<2>,
+    c: Tensor<2>,
+) -> (Tensor<2>, Tensor<2>) {
+    let hidden = h.dims()[1];
+    let gates = entering + h.matmul(recurrent);
+    let part = |index: usize| gates.clone().narrow(1, index * hidden, hidden);
+    let (i, f) = (activation::sigmoid(part(0)), activation::sigmoid(part(1)));
+    let (g, o) = (part(2).tanh(), activation::sigmoid(part(3)));
+    let c = f * c + i * g;
+    (o * c.clone().tanh(), c)
 }

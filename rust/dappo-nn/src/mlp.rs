@@ -135,7 +135,7 @@ impl Mlp {
 }
 
 /// A parameter with other values, which keeps its id.
-fn replaced<const D: usize>(parameter: &Param<Tensor<D>>, data: TensorData) -> Param<Tensor<D>> {
+pub(crate) fn replaced<const D: usize>(parameter: &Param<Tensor<D>>, data: TensorData) -> Param<Tensor<D>> {
     parameter.clone().map(|old| {
         let new = Tensor::from_data(data, &old.device());
         if old.is_require_grad() { new.require_grad() } else { new }

@@ -1,25 +1,50 @@
 //! A policy that no longer changes.
 
 use crate::error::{NnError, Result, check_length};
-use crate::{FrozenMlp, InputTransform, Standardizer};
+use crate::memory::with_hidden;
+use crate::{FrozenLstm, FrozenMlp, InputTransform, PolicyState, Standardizer};
 
 /// Chooses the most probable actions. It has no value net and no optimiser, and its statistics stay as they are.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Policy {
     transform: InputTransform,
+    memory: Option<FrozenLstm>,
     net: FrozenMlp,
 }
 
 impl Policy {
     /// A network over transformed observations.
     pub fn new(net: FrozenMlp, transform: InputTransform) -> Result<Self> {
-        let (got, expected) = (net.sizes(), transform.width());
+        Self::recurrent(None, net, transform)
+    }
+
+    /// A network over transformed observations and the hidden state of a memory, if there is one.
+    pub fn recurrent(memory: Option<FrozenLstm>, net: FrozenMlp, transform: InputTransform) -> Result<Self> {
+        let (got, width) = (net.sizes(), transform.width());
+        let expected = width + memory.as_ref().map_or(0, FrozenLstm::units);
         if got[0] != expected {
             return Err(NnError::Invalid(format!(
                 "the layers of the policy have widths {got:?}, expected {expected} inputs"
             )));
         }
-        Ok(Self { transform, net })
+        if let Some(got) = memory.as_ref().map(FrozenLstm::inputs).filter(|inputs| *inputs != width) {
+            return Err(NnError::Invalid(format!(
+                "the memory of the policy has {got} inputs, expected {width}"
+            )));
+        }
+        Ok(Self { transform, memory, net })
+    }
+
+    /// The memory of a recurrent policy.
+    #[must_use]
+    pub fn memory(&self) -> Option<&FrozenLstm> {
+        self.memory.as_ref()
+    }
+
+    /// What it remembers of `robots` robots at the start of their episodes.
+    #[must_use]
+    pub fn initial_state(&self, robots: usize) -> PolicyState {
+        PolicyState::new(robots, self.memory.as_ref().map_or(0, FrozenLstm::units))
     }
 
     /// The network.
@@ -58,13 +83,41 @@ impl Policy {
         self.transform.standardizer().ok_or_else(untrained)
     }
 
-    /// The most probable actions.
+    /// The most probable actions of a policy without memory.
     ///
     /// # Shapes
     /// - `obs`: `[N, obs_dim + code_length]`, raw
     /// - output: `[N, action_dim]`
     pub fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
+        self.refuse_memory()?;
         self.net.apply(&self.transform.apply(obs)?)
+    }
+
+    /// The most probable actions; what the policy remembers of each robot goes on by a step.
+    ///
+    /// # Shapes
+    /// - `obs`: `[N, obs_dim + code_length]`, raw; the state of N robots
+    /// - output: `[N, action_dim]`
+    pub fn step(&self, obs: &[f32], state: &mut PolicyState) -> Result<Vec<f32>> {
+        self.means(&self.transform.apply(obs)?, state)
+    }
+
+    /// The same for transformed observations.
+    pub(crate) fn means(&self, rows: &[f32], state: &mut PolicyState) -> Result<Vec<f32>> {
+        let Some(memory) = &self.memory else { return self.net.apply(rows) };
+        memory.step(rows, state)?;
+        self.net.apply(&with_hidden(rows.into(), &state.hidden(), memory.units()))
+    }
+
+    /// Fails for a recurrent policy, whose actions depend on more than the current observation.
+    pub fn refuse_memory(&self) -> Result<()> {
+        match &self.memory {
+            None => Ok(()),
+            Some(memory) => Err(NnError::Invalid(format!(
+                "the policy is recurrent (`ppo.lstm` = {}), expected one without memory",
+                memory.units()
+            ))),
+        }
     }
 
     /// The most probable actions where every robot is assumed healthy: if the policy has a damage code, the

@@ -11,7 +11,7 @@ use burn::tensor::Tensor;
 use dappo_sim::task::{Image, Reflection};
 
 use crate::error::Result;
-use crate::{GaussianPolicy, Mlp, read};
+use crate::{GaussianPolicy, Lstm, Mlp, read};
 
 /// The symmetry of an [`Mlp`].
 #[derive(Debug, Clone)]
@@ -20,9 +20,18 @@ pub struct MlpSymmetry {
     levels: Vec<Reflection>,
 }
 
+/// The symmetry of an [`Lstm`], each of whose units has a mirror image.
+#[derive(Debug, Clone)]
+pub struct LstmSymmetry {
+    input: Reflection,
+    hidden: Reflection,
+    gates: Reflection,
+}
+
 /// The symmetry of a [`GaussianPolicy`], whose standard deviations are those of the mirror images, too.
 #[derive(Debug, Clone)]
 pub struct PolicySymmetry {
+    memory: Option<LstmSymmetry>,
     mean: MlpSymmetry,
     action: Reflection,
 }
@@ -31,12 +40,7 @@ impl MlpSymmetry {
     /// The symmetry of a net with hidden layers of these widths. The last unit of an odd number is its own mirror image.
     #[must_use]
     pub fn new(input: Reflection, hidden: &[usize], output: Reflection) -> Self {
-        let pairs = |width: &usize| {
-            let (half, even) = (width / 2, width / 2 * 2);
-            let image = |unit| if unit < even { (unit + half) % even } else { unit };
-            Reflection::new((0..*width).map(|unit| Image { of: image(unit), sign: 1.0 }).collect())
-        };
-        let inner = hidden.iter().map(pairs);
+        let inner = hidden.iter().map(|width| pairs(*width));
         Self { levels: [input].into_iter().chain(inner).chain([output]).collect() }
     }
 
@@ -73,10 +77,7 @@ impl MlpSymmetry {
     /// # Shapes
     /// gradient laid out as [`Mlp::parameters`]
     fn average_flat(&self, gradient: &mut [f32]) {
-        self.each_pair(gradient, |first, second, sign| {
-            let mean = 0.5 * (first + sign * second);
-            [mean, sign * mean]
-        });
+        self.each_pair(gradient, mean_of_pair);
     }
 
     /// Replaces weights and their mirror images by what `of` makes of both and the sign between them. It must not change
@@ -92,6 +93,69 @@ impl MlpSymmetry {
             each_pair_of_layer(bias, &[Image { of: 0, sign: 1.0 }], outputs, &of);
         }
     }
+}
+
+/// The reflection of the units of a layer. The last unit of an odd number is its own mirror image.
+fn pairs(width: usize) -> Reflection {
+    let (half, even) = (width / 2, width / 2 * 2);
+    let image = |unit| if unit < even { (unit + half) % even } else { unit };
+    Reflection::new((0..width).map(|unit| Image { of: image(unit), sign: 1.0 }).collect())
+}
+
+impl LstmSymmetry {
+    /// The symmetry of an LSTM of so many units. The last unit of an odd number is its own mirror image.
+    #[must_use]
+    pub fn new(input: Reflection, units: usize) -> Self {
+        let hidden = pairs(units);
+        let of_gate = |gate: usize| {
+            let images = hidden.entries().iter();
+            images.map(move |image| Image { of: gate * units + image.of, sign: image.sign })
+        };
+        let gates = Reflection::new((0..4).flat_map(of_gate).collect());
+        Self { input, hidden, gates }
+    }
+
+    /// The reflection of the hidden state.
+    #[must_use]
+    pub fn hidden(&self) -> &Reflection {
+        &self.hidden
+    }
+
+    /// Gives the second weight of each pair of mirror images the value of the first one.
+    ///
+    /// # Shapes
+    /// parameters as [`Lstm::parameters`] lays them out
+    pub fn impose(&self, parameters: &mut [f32]) {
+        self.each_pair(parameters, &|first, _, sign| [first, sign * first]);
+    }
+
+    /// Replaces gradients by the averages with their mirror images.
+    fn average(&self, lstm: &Lstm, gradients: &mut GradientsParams) -> Result<()> {
+        lstm.change_gradient(gradients, |gradient| self.average_flat(gradient))
+    }
+
+    /// Replaces both weights of each pair of mirror images by their average.
+    ///
+    /// # Shapes
+    /// gradient laid out as [`Lstm::parameters`]
+    pub fn average_flat(&self, gradient: &mut [f32]) {
+        self.each_pair(gradient, &mean_of_pair);
+    }
+
+    fn each_pair(&self, parameters: &mut [f32], of: &impl Fn(f32, f32, f32) -> [f32; 2]) {
+        let (input, gates) = (self.input.entries(), self.gates.entries());
+        let (weight, rest) = parameters.split_at_mut(input.len() * gates.len());
+        let (bias, recurrent) = rest.split_at_mut(gates.len());
+        each_pair_of_layer(weight, input, gates, of);
+        each_pair_of_layer(bias, &[Image { of: 0, sign: 1.0 }], gates, of);
+        each_pair_of_layer(recurrent, self.hidden.entries(), gates, of);
+    }
+}
+
+/// Both weights of a pair as their average.
+fn mean_of_pair(first: f32, second: f32, sign: f32) -> [f32; 2] {
+    let mean = 0.5 * (first + sign * second);
+    [mean, sign * mean]
 }
 
 /// The same for a matrix `[inputs, outputs]`.
@@ -124,10 +188,21 @@ fn each_pair_of_layer(
 }
 
 impl PolicySymmetry {
-    /// The symmetry of a policy with hidden layers of these widths.
+    /// The symmetry of a policy with hidden layers of these widths and a memory of so many units, or 0.
     #[must_use]
-    pub fn new(input: Reflection, hidden: &[usize], action: Reflection) -> Self {
-        Self { mean: MlpSymmetry::new(input, hidden, action.clone()), action }
+    pub fn new(input: Reflection, memory: usize, hidden: &[usize], action: Reflection) -> Self {
+        let memory = (memory > 0).then(|| LstmSymmetry::new(input.clone(), memory));
+        let input = match &memory {
+            None => input,
+            Some(memory) => input.followed_by(memory.hidden()),
+        };
+        Self { memory, mean: MlpSymmetry::new(input, hidden, action.clone()), action }
+    }
+
+    /// That of the memory, if there is one.
+    #[must_use]
+    pub fn memory(&self) -> Option<&LstmSymmetry> {
+        self.memory.as_ref()
     }
 
     /// That of the net for the mean.
@@ -139,6 +214,9 @@ impl PolicySymmetry {
     /// Replaces gradients by the averages with their mirror images.
     pub fn average(&self, policy: &GaussianPolicy, gradients: &mut GradientsParams) -> Result<()> {
         self.mean.average(&policy.mean, gradients)?;
+        if let (Some(symmetry), Some(memory)) = (&self.memory, &policy.memory) {
+            symmetry.average(memory, gradients)?;
+        }
         if let Some(gradient) = gradients.remove::<1>(policy.log_std.id) {
             let device = gradient.device();
             let mean = self.average_log_std(&read(gradient)?);

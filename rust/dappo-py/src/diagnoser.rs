@@ -48,7 +48,7 @@ impl PyDiagnoser {
         // Threads depend on this machine, not on that of the training.
         config.env.threads = threads;
         let factory = TableFactory::compile(py, &config)?;
-        let expert = pool.run(py, || RunPolicy::trained(&run, &config, &factory))?.policy;
+        let expert = pool.run(py, || RunPolicy::stateless(&run, &config, &factory))?.policy;
         let description = diagnoser.description();
         let (own, classes) = (description.subject.classes(), factory.space().classes().len());
         if (description.obs_dim, own) != (expert.obs_dim(), classes) {

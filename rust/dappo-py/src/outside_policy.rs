@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use dappo_learn::Sizes;
 use dappo_learn::walk::MeanActions;
+use dappo_nn::PolicyState;
 use pyo3::prelude::*;
 
 use crate::keywords::FromValue;
@@ -74,7 +75,7 @@ impl OutsidePolicy {
 }
 
 impl MeanActions for OutsidePolicy {
-    fn mean_actions(&self, obs: &[f32]) -> dappo_learn::Result<Vec<f32>> {
+    fn mean_actions(&self, obs: &[f32], _: &mut PolicyState) -> dappo_learn::Result<Vec<f32>> {
         let robots = obs.len() / self.obs_dim;
         Python::attach(|py| {
             let call = || {

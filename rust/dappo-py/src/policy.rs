@@ -6,9 +6,12 @@ use std::path::PathBuf;
 use dappo_diagnose::export::Export;
 use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
-use dappo_nn::Policy;
+use dappo_nn::{Policy, PolicyState};
 use dappo_sim::DamageSpace;
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 
 use crate::arguments::not_contiguous;
@@ -96,6 +99,12 @@ impl PyPolicy {
         self.env_steps
     }
 
+    /// Units of its memory; 0 for a policy without one.
+    #[getter]
+    fn memory(&self) -> usize {
+        self.policy.initial_state(0).units()
+    }
+
     /// The actions for rows of observations: without damage code, each with the code of a class, or complete.
     #[pyo3(signature = (obs, damage_classes=None))]
     fn act<'py>(
@@ -104,30 +113,33 @@ impl PyPolicy {
         obs: PyReadonlyArray2<'py, f32>,
         damage_classes: Option<PyReadonlyArray1<'py, i64>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let (robots, width) = (obs.shape()[0], obs.shape()[1]);
-        let (obs_dim, code_length) = (self.policy.obs_dim(), self.policy.code_length());
         let rows = obs.as_slice().map_err(not_contiguous)?;
-        let complete = match &damage_classes {
-            Some(classes) if width == obs_dim && classes.shape() == [robots] => {
-                Cow::Owned(self.with_codes(rows, classes.as_slice().map_err(not_contiguous)?)?)
-            }
-            None if width == obs_dim + code_length => Cow::Borrowed(rows),
-            _ => {
-                let (got, classes) = (obs.shape(), damage_classes.map(|classes| classes.shape().to_vec()));
-                let classes =
-                    classes.map_or_else(String::new, |shape| format!(" and damage_class {shape:?}"));
-                return Err(raise(
-                    Kind::Shape,
-                    format!(
-                        "obs have shape {got:?}{classes}, expected [N, {obs_dim}] (without damage code) and [N], \
-                         or [N, {}] (with it) and no damage_class",
-                        obs_dim + code_length
-                    ),
-                ));
-            }
-        };
+        let complete = self.complete(rows, obs.shape(), damage_classes.as_ref())?;
         let actions = self.pool.run(py, || dappo_learn::Result::Ok(self.policy.mean_actions(&complete)?))?;
-        PyArray1::from_vec(py, actions).reshape([robots, self.policy.action_dim()])
+        PyArray1::from_vec(py, actions).reshape([obs.shape()[0], self.policy.action_dim()])
+    }
+
+    /// The same for a recurrent policy, with what it remembers before and after the step, `[N, 2, H]`.
+    #[pyo3(signature = (obs, state, damage_classes=None))]
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        obs: PyReadonlyArray2<'py, f32>,
+        state: PyReadonlyArray3<'py, f32>,
+        damage_classes: Option<PyReadonlyArray1<'py, i64>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>)> {
+        let rows = obs.as_slice().map_err(not_contiguous)?;
+        let complete = self.complete(rows, obs.shape(), damage_classes.as_ref())?;
+        let shape = [obs.shape()[0], 2, self.memory()];
+        let numbers = state.as_slice().map_err(not_contiguous)?.to_vec();
+        let state = PolicyState::of(self.memory(), numbers).filter(|_| state.shape() == shape);
+        let Some(mut state) = state else {
+            return Err(raise(Kind::Shape, format!("expected a state of finite numbers, {shape:?}")));
+        };
+        let actions =
+            self.pool.run(py, || dappo_learn::Result::Ok(self.policy.step(&complete, &mut state)?))?;
+        let actions = PyArray1::from_vec(py, actions).reshape([shape[0], self.policy.action_dim()])?;
+        Ok((actions, PyArray1::from_slice(py, state.numbers()).reshape(shape)?))
     }
 }
 
@@ -135,6 +147,36 @@ impl PyPolicy {
     fn new(policy: Policy, pool: Pool, space: &DamageSpace, env_steps: u64) -> Self {
         let codes = if policy.code_length() > 0 { space.codes() } else { Vec::new() };
         Self { policy, pool, codes, space: space.clone(), env_steps }
+    }
+
+    /// Rows `[N, O + K]` of an array of this shape, with the codes of classes if there are any.
+    fn complete<'a>(
+        &self,
+        rows: &'a [f32],
+        shape: &[usize],
+        damage_classes: Option<&PyReadonlyArray1<'_, i64>>,
+    ) -> PyResult<Cow<'a, [f32]>> {
+        let (robots, width) = (shape[0], shape[1]);
+        let (obs_dim, code_length) = (self.policy.obs_dim(), self.policy.code_length());
+        match damage_classes {
+            Some(classes) if width == obs_dim && classes.shape() == [robots] => {
+                Ok(Cow::Owned(self.with_codes(rows, classes.as_slice().map_err(not_contiguous)?)?))
+            }
+            None if width == obs_dim + code_length => Ok(Cow::Borrowed(rows)),
+            _ => {
+                let classes = damage_classes.map(|classes| classes.shape().to_vec());
+                let classes =
+                    classes.map_or_else(String::new, |shape| format!(" and damage_class {shape:?}"));
+                Err(raise(
+                    Kind::Shape,
+                    format!(
+                        "obs have shape {shape:?}{classes}, expected [N, {obs_dim}] (without damage code) and [N], \
+                         or [N, {}] (with it) and no damage_class",
+                        obs_dim + code_length
+                    ),
+                ))
+            }
+        }
     }
 
     /// Appends the code of its class to every observation.

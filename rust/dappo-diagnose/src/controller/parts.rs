@@ -30,12 +30,12 @@ impl Parts {
         factory: &dyn EnvFactory,
     ) -> Result<(Skills, Sources)> {
         let names: Vec<String> = factory.space().classes().iter().map(|class| class.name.clone()).collect();
-        let policy = RunPolicy::trained(folder, config, factory)?;
+        let policy = RunPolicy::stateless(folder, config, factory)?;
         let policy_source = RunSource::of(folder, &policy)?;
         let (expert, expert_source) = match &self.expert {
             None => (policy.policy.clone(), None),
             Some((folder, config)) => {
-                let expert = RunPolicy::trained(folder, config, factory)?;
+                let expert = RunPolicy::stateless(folder, config, factory)?;
                 let source = RunSource::of(folder, &expert)?;
                 (expert.policy, Some(source))
             }

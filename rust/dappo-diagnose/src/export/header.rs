@@ -75,6 +75,9 @@ pub struct PolicyHeader {
     pub onnx: String,
     /// Its file of tensors.
     pub tensors: String,
+    /// Units of the LSTM of a recurrent policy, whose hidden state is behind the input of the layers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lstm: Option<usize>,
     /// Widths, inputs to outputs; tanh between the layers.
     pub layers: Vec<usize>,
     /// Length of the damage code at the end of its input; 0 if it observes no damage.

@@ -2,25 +2,29 @@
 //!
 //! | of | tensors |
 //! |---|---|
-//! | a policy | `input.mean`, `input.scale` `[O]`, `layers.I.weight` `[inputs, outputs]`, `layers.I.bias` |
+//! | a policy | `input.mean`, `input.scale` `[O]`, `layers.I.weight` `[inputs, outputs]`, `layers.I.bias`; of a recurrent one `lstm.*`, as of a diagnoser |
 //! | a diagnoser | `input.mean`, `input.scale` `[F]`, `embedding.*`, `lstm.input.*`, `lstm.recurrent` `[H, 4 H]` (gates input, forget, cell, output), `hidden.I.*`, `head.*` |
 
 use burn::module::Param;
 use burn::tensor::TensorData;
 use dappo_learn::error::Result;
 use dappo_nn::{
-    CLIP, DiagnoserNet, EmbeddedLstm, FrozenMlp, InputTransform, Policy, Standardizer, cpu, read,
+    CLIP, DiagnoserNet, EmbeddedLstm, FrozenLstm, FrozenMlp, InputTransform, Policy, Standardizer, cpu, read,
 };
 
 use super::header::{DiagnoserHeader, ExportHeader, PolicyHeader, input_blocks};
 use super::tensors::{Reader, Tensors};
 use crate::Diagnoser;
 
+/// The tensors of an LSTM.
+const LSTM: [&str; 3] = ["lstm.input.weight", "lstm.input.bias", "lstm.recurrent"];
+
 /// The header of a policy whose files are named after `name`.
 pub(super) fn policy_header(name: &str, policy: &Policy) -> PolicyHeader {
     PolicyHeader {
         onnx: format!("{name}.onnx"),
         tensors: format!("{name}.safetensors"),
+        lstm: policy.memory().map(FrozenLstm::units),
         layers: policy.net().sizes().to_vec(),
         code_length: policy.code_length(),
         code_scale: policy.transform().code_scale(),
@@ -48,6 +52,14 @@ pub(super) fn diagnoser_header(diagnoser: &Diagnoser) -> DiagnoserHeader {
 
 pub(super) fn policy_tensors(policy: &Policy) -> Result<Tensors> {
     let mut tensors = with_statistics(policy.standardizer()?)?;
+    if let Some(memory) = policy.memory() {
+        let (inputs, gates) = (memory.inputs(), 4 * memory.units());
+        let (weight, rest) = memory.parameters().split_at(inputs * gates);
+        let (bias, recurrent) = rest.split_at(gates);
+        tensors.put(LSTM[0], &[inputs, gates], weight.to_vec())?;
+        tensors.put(LSTM[1], &[gates], bias.to_vec())?;
+        tensors.put(LSTM[2], &[memory.units(), gates], recurrent.to_vec())?;
+    }
     for (index, ([inputs, outputs], weight, bias)) in policy.net().layers().enumerate() {
         tensors.put(&format!("layers.{index}.weight"), &[inputs, outputs], weight.to_vec())?;
         tensors.put(&format!("layers.{index}.bias"), &[outputs], bias.to_vec())?;
@@ -62,9 +74,20 @@ pub(super) fn read_policy(header: &PolicyHeader, obs_dim: usize, file: &Reader<'
         parameters.extend(file.array(&format!("layers.{index}.bias"), &pair[1..])?);
     }
     let statistics = read_statistics(obs_dim, file)?;
+    let memory = match header.lstm {
+        None => None,
+        Some(units) => {
+            let shapes =
+                [vec![obs_dim + header.code_length, 4 * units], vec![4 * units], vec![units, 4 * units]];
+            let arrays = LSTM.into_iter().zip(&shapes).map(|(name, shape)| file.array(name, shape));
+            let parameters = arrays.collect::<Result<Vec<_>>>()?.concat();
+            Some(FrozenLstm::new(units, parameters).map_err(|error| file.blame(error))?)
+        }
+    };
     FrozenMlp::new(header.layers.clone(), parameters)
         .and_then(|net| {
-            Policy::new(net, InputTransform::standardized(statistics, header.code_length, header.code_scale)?)
+            let transform = InputTransform::standardized(statistics, header.code_length, header.code_scale)?;
+            Policy::recurrent(memory, net, transform)
         })
         .map_err(|error| file.blame(error))
 }

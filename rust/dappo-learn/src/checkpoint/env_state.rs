@@ -7,11 +7,13 @@
 //! | `episodes` | `[N, 10]` u64 | state of the episodes, and their random streams |
 //! | `obs` | `[N · O]` f32 | last observations |
 //! | `forward`, `returns`, `lengths` | `[N]` f64 | sums over the episodes |
+//! | `memory` | `[N, 2, H]` f32 | what a recurrent policy remembers; absent for others |
 //!
 //! JSON would not do: it has no NaN and a world may hold one.
 
 use std::path::Path;
 
+use dappo_nn::PolicyState;
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -22,6 +24,9 @@ use crate::files::{Files, write_new};
 use crate::records::unreadable;
 
 const FILE: &str = "envs.safetensors";
+const MEMORY: &str = "memory";
+/// The arrays of the file.
+const ARRAYS: [&str; 8] = ["worlds", "classes", "episodes", "obs", "forward", "returns", "lengths", MEMORY];
 /// The file of earlier versions, see [`parse_earlier`].
 const EARLIER_FILE: &str = "envs.bin";
 /// Far above the state of any number of envs that a computer holds, bytes.
@@ -43,6 +48,8 @@ pub struct EnvState {
     pub envs: VectorEnvSnapshot,
     /// Sums over their running episodes.
     pub episodes: EpisodeTracker,
+    /// What the policy remembers of them.
+    pub memory: PolicyState,
 }
 
 impl EnvState {
@@ -54,7 +61,7 @@ impl EnvState {
         let sums = |sums: &[f64]| (Dtype::F64, vec![envs], bytes(sums.iter().copied(), f64::to_le_bytes));
         let episodes = self.envs.episodes.iter().flatten().copied();
         let classes = backend.classes.iter().map(|&class| class as u64);
-        let arrays = [
+        let mut arrays = vec![
             (
                 "worlds",
                 (Dtype::F64, vec![envs, backend.row], bytes(backend.rows.iter().copied(), f64::to_le_bytes)),
@@ -73,6 +80,10 @@ impl EnvState {
             ("returns", sums(returns)),
             ("lengths", sums(lengths)),
         ];
+        if self.memory.units() > 0 {
+            let numbers = bytes(self.memory.numbers().iter().copied(), f32::to_le_bytes);
+            arrays.push((MEMORY, (Dtype::F32, vec![envs, 2, self.memory.units()], numbers)));
+        }
         let views = arrays.iter().map(|(name, (kind, shape, bytes))| {
             TensorView::new(*kind, shape.clone(), bytes).map(|view| (*name, view))
         });
@@ -99,12 +110,12 @@ impl EnvState {
 
     /// Assembles the arrays of a file.
     fn of(row: usize, rows: Vec<f64>, classes: Vec<u64>, arrays: EpisodeArrays) -> Self {
-        let EpisodeArrays { episodes, obs, sums: [forward, returns, lengths] } = arrays;
+        let EpisodeArrays { episodes, obs, sums: [forward, returns, lengths], memory } = arrays;
         let mut tracker = EpisodeTracker::new(classes.len());
         (tracker.forward, tracker.returns, tracker.lengths) = (forward, returns, lengths);
         let classes = classes.into_iter().map(|class| class as usize).collect();
         let backend = BackendSnapshot { row, rows, classes };
-        Self { envs: VectorEnvSnapshot { backend, episodes, obs }, episodes: tracker }
+        Self { envs: VectorEnvSnapshot { backend, episodes, obs }, episodes: tracker, memory }
     }
 }
 
@@ -113,6 +124,7 @@ struct EpisodeArrays {
     episodes: Vec<[u64; EPISODE]>,
     obs: Vec<f32>,
     sums: [Vec<f64>; 3],
+    memory: PolicyState,
 }
 
 fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, to_bytes: fn(T) -> [u8; N]) -> Vec<u8> {
@@ -122,6 +134,9 @@ fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, to_bytes: fn(T) -> 
 fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
     let file = SafeTensors::deserialize(file).map_err(|error| error.to_string())?;
     let (worlds, shape) = array(&file, "worlds", Dtype::F64, f64::from_le_bytes)?;
+    if let Some(name) = file.names().into_iter().find(|name| !ARRAYS.contains(name)) {
+        return Err(format!("`{name}` is no array of it"));
+    }
     let &[envs, row] = shape.as_slice() else {
         return Err(format!("`worlds` has shape {shape:?}, expected [envs, row]"));
     };
@@ -132,8 +147,21 @@ fn parse(file: &[u8]) -> std::result::Result<EnvState, String> {
         episodes,
         obs: array(&file, "obs", Dtype::F32, f32::from_le_bytes)?.0,
         sums: [sums("forward")?, sums("returns")?, sums("lengths")?],
+        memory: read_memory(&file, envs)?,
     };
     Ok(EnvState::of(row, worlds, classes, arrays))
+}
+
+fn read_memory(file: &SafeTensors<'_>, envs: usize) -> std::result::Result<PolicyState, String> {
+    if !file.names().contains(&MEMORY) {
+        return Ok(PolicyState::default());
+    }
+    let (numbers, shape) = array(file, MEMORY, Dtype::F32, f32::from_le_bytes)?;
+    match *shape.as_slice() {
+        [rows, 2, units] if rows == envs && units > 0 => PolicyState::of(units, numbers)
+            .ok_or_else(|| format!("`{MEMORY}` holds numbers that are not finite")),
+        _ => Err(format!("`{MEMORY}` has shape {shape:?}, expected [{envs}, 2, H]")),
+    }
 }
 
 /// The episodes of a file, which may be that of an earlier version.
@@ -204,7 +232,12 @@ fn read_earlier(reader: &mut Reader) -> Option<EnvState> {
     let obs = reader.many(obs, |reader| reader.take().map(f32::from_le_bytes))?;
     let mut sums = || reader.many(envs, Reader::f64);
     let sums = [sums()?, sums()?, sums()?];
-    Some(EnvState::of(row, rows, classes, EpisodeArrays { episodes, obs, sums }))
+    Some(EnvState::of(
+        row,
+        rows,
+        classes,
+        EpisodeArrays { episodes, obs, sums, memory: PolicyState::default() },
+    ))
 }
 
 /// Takes numbers off the front of a byte slice; `None` when it is too short.
@@ -254,6 +287,7 @@ mod tests {
                 obs: vec![0.25, f32::INFINITY],
             },
             episodes,
+            memory: PolicyState::of(1, vec![0.5, -0.25, 1e-40, 3.0]).unwrap(),
         }
     }
 
@@ -262,7 +296,7 @@ mod tests {
         assert_eq!(bits(one), bits(other));
         assert_eq!(one.envs.backend.classes, other.envs.backend.classes);
         assert_eq!((&one.envs.episodes, &one.envs.obs), (&other.envs.episodes, &other.envs.obs));
-        assert_eq!(one.episodes, other.episodes);
+        assert_eq!((&one.episodes, &one.memory), (&other.episodes, &other.memory));
     }
 
     fn refuse(folder: &Scratch, name: &str, bytes: &[u8], expected: &str) {
@@ -285,6 +319,12 @@ mod tests {
             [&bytes[..begin], to.as_bytes(), &bytes[begin + from.len()..]].concat()
         };
         refuse(&folder, FILE, &with("\"worlds\"", "\"wurlds\""), "`worlds`");
+        refuse(
+            &folder,
+            FILE,
+            &with("[2,2,1]", "[1,2,2]"),
+            "`memory` has shape [1, 2, 2], expected [2, 2, H]",
+        );
         refuse(&folder, FILE, &with("[2,10]", "[10,2]"), "`episodes` has shape [10, 2], expected [2, 10]");
         let mut infinite = bytes.clone();
         let begin = bytes.windows(8).position(|part| part == 1.5_f64.to_le_bytes()).unwrap();
@@ -301,6 +341,7 @@ mod tests {
     fn earlier_state(numbers: usize) -> EnvState {
         let mut state = state();
         state.envs.episodes[0][numbers..].fill(0);
+        state.memory = PolicyState::default();
         state
     }
 

@@ -12,6 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
+use dappo_nn::PolicyState;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -194,15 +195,24 @@ impl Checkpoint {
         Ppo::load_for(self, config, Some(sizes), device)
     }
 
-    /// Reads the envs and sets those of `engine` to their state; returns the sums over their running
-    /// episodes.
-    pub fn restore_envs(&self, engine: &mut dyn RolloutEngine) -> Result<EpisodeTracker> {
+    /// Reads the envs and sets those of `engine` to their state; returns the sums over their running episodes, and what
+    /// the policy, whose memory has so many units, remembers of them.
+    pub fn restore_envs(
+        &self,
+        engine: &mut dyn RolloutEngine,
+        units: usize,
+    ) -> Result<(EpisodeTracker, PolicyState)> {
         let state = EnvState::load(self)?;
+        if state.memory.units() != units {
+            let message =
+                format!("its envs hold {} units of a memory, expected {units}", state.memory.units());
+            return Err(FileKind::Checkpoint.unusable(self.sealed.folder(), message));
+        }
         engine.restore(&state.envs).map_err(|error| {
             FileKind::Checkpoint
                 .unusable(self.sealed.folder(), format!("its envs are not those of this run ({error})"))
         })?;
-        Ok(state.episodes)
+        Ok((state.episodes, state.memory))
     }
 }
 

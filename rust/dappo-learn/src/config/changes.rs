@@ -82,7 +82,7 @@ fn built_in(Change { key, to, .. }: &Change) -> Option<&'static str> {
         {
             Some("its networks and episodes are those of robots with these damages")
         }
-        ("ppo", "hidden") => Some("its networks have these layers"),
+        ("ppo", "hidden" | "lstm") => Some("its networks have these layers"),
         // Symmetric networks go on as ordinary ones, for example with a robot that has changed on one side.
         ("ppo", "symmetry") if *to != Some(false.into()) => {
             Some("its networks are not their own mirror images")

@@ -246,6 +246,13 @@ impl Config {
         self.damage.review(&mut faults);
         self.review_curriculum(&mut faults);
         faults.section("ppo", |faults| self.ppo.review(faults));
+        if self.ppo.lstm.is_some() && !matches!(self.env.device, Device::Auto | Device::Cpu) {
+            let device = self.env.device.name();
+            let reason = format!(
+                "is for the device `cpu`, where recurrent policies act, but `env.device` is `{device}`"
+            );
+            faults.add("ppo.lstm", reason);
+        }
         faults
     }
 

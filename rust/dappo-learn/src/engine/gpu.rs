@@ -1,6 +1,6 @@
 //! Rollouts on a GPU: policy, physics, rewards and resets in kernels, without a call of the host between two steps.
 
-use dappo_nn::{CLIP, FrozenActorCritic, FrozenMlp};
+use dappo_nn::{CLIP, FrozenActorCritic, FrozenMlp, PolicyState};
 use dappo_sim::backend::gpu::{Collected, GpuEnvs, Net, Networks};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::VectorEnvSnapshot;
@@ -29,9 +29,11 @@ impl RolloutEngine for GpuEngine {
     fn collect(
         &mut self,
         networks: &FrozenActorCritic,
+        state: &mut PolicyState,
         episodes: &mut EpisodeTracker,
         first_step: u64,
     ) -> Result<Rollout> {
+        networks.policy.refuse_memory()?;
         let transform = networks.transform();
         let standardizer = transform.standardizer();
         let device = Networks {
@@ -72,6 +74,8 @@ impl RolloutEngine for GpuEngine {
             final_values,
             last_values,
             transform: transform.clone(),
+            state: state.clone(),
+            hidden: Vec::new(),
         };
         episodes.add_rollout(&rollout, &forward_velocity)?;
         Ok(rollout)

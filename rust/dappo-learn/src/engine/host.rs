@@ -1,6 +1,6 @@
 //! Rollouts of a vector env: policy and physics take turns, step by step.
 
-use dappo_nn::FrozenActorCritic;
+use dappo_nn::{FrozenActorCritic, PolicyState};
 use dappo_sim::VectorEnv;
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::rng::{Purpose, Stream, env_keys};
@@ -34,23 +34,29 @@ impl RolloutEngine for HostEngine {
     fn collect(
         &mut self,
         networks: &FrozenActorCritic,
+        state: &mut PolicyState,
         episodes: &mut EpisodeTracker,
         first_step: u64,
     ) -> Result<Rollout> {
         let (num_envs, action_dim) = (self.env.num_envs(), self.env.action_dim());
         let env = &mut self.env;
-        let mut rollout = Rollout::new(self.horizon, num_envs, action_dim, networks.transform().clone());
+        let mut rollout = Rollout::new(self.horizon, num_envs, action_dim, networks.transform().clone())
+            .from_state(state.clone());
         for step in 0..self.horizon {
             let noise = action_noise(&self.noise_keys, first_step + step as u64, action_dim);
-            let decision = networks.act(&env.buffers().obs, &noise)?;
+            let decision = networks.act(&env.buffers().obs, &noise, state)?;
             rollout.record_decision(step, &env.buffers().obs, &decision)?;
             env.step(&decision.actions)?;
             let buffers = env.buffers();
             rollout.record_outcome(step, &buffers.rewards, &buffers.terminated, &buffers.truncated)?;
-            bootstrap_truncations(&mut rollout, env, networks, step)?;
+            bootstrap_truncations(&mut rollout, env, networks, state, step)?;
+            let buffers = env.buffers();
+            for env in (0..num_envs).filter(|&env| buffers.terminated[env] || buffers.truncated[env]) {
+                state.begin(env);
+            }
             episodes.add(env.buffers());
         }
-        rollout.last_values = networks.values(&env.buffers().obs)?;
+        rollout.last_values = networks.values(&env.buffers().obs, state)?;
         Ok(rollout)
     }
 
@@ -86,6 +92,7 @@ fn bootstrap_truncations(
     rollout: &mut Rollout,
     env: &VectorEnv,
     networks: &FrozenActorCritic,
+    state: &PolicyState,
     step: usize,
 ) -> Result<()> {
     let buffers = env.buffers();
@@ -97,7 +104,7 @@ fn bootstrap_truncations(
     let width = env.obs_dim();
     let rows: Vec<f32> =
         cut.iter().flat_map(|&env| &buffers.final_obs[env * width..(env + 1) * width]).copied().collect();
-    let values = networks.values(&rows)?;
+    let values = networks.values(&rows, &state.of_robots(&cut))?;
     for (env, value) in cut.into_iter().zip(values) {
         rollout.final_values[step * buffers.rewards.len() + env] = value;
     }

@@ -4,7 +4,7 @@
 mod gpu;
 mod host;
 
-use dappo_nn::FrozenActorCritic;
+use dappo_nn::{FrozenActorCritic, PolicyState};
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 
@@ -19,11 +19,12 @@ pub use host::HostEngine;
 /// Envs in which a policy acts for a fixed number of steps at a time. Episodes continue from one rollout to
 /// the next.
 pub trait RolloutEngine {
-    /// Runs a policy for one horizon and adds its steps to `episodes`. `first_step` numbers them over the whole
-    /// run, so that every (env, step) has exploration noise of its own.
+    /// Runs a policy, which remembers `state`, for one horizon and adds its steps to `episodes`. `first_step` numbers
+    /// them over the whole run, so that every (env, step) has exploration noise of its own.
     fn collect(
         &mut self,
         networks: &FrozenActorCritic,
+        state: &mut PolicyState,
         episodes: &mut EpisodeTracker,
         first_step: u64,
     ) -> Result<Rollout>;

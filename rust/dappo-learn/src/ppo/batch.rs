@@ -1,5 +1,7 @@
 //! What the networks are trained on, in the host's memory.
 
+use dappo_nn::{PolicyState, with_hidden};
+
 use crate::error::Result;
 use crate::gae::Targets;
 use crate::rollout::Rollout;
@@ -16,12 +18,25 @@ pub(super) struct PolicyBatch<'a> {
     pub log_probs: &'a [f32],
     /// Advantages, normalised over the whole batch, `[B]`.
     pub advantages: Vec<f32>,
+    /// How rows follow each other, for a recurrent policy.
+    pub sequences: Option<Sequences<'a>>,
+}
+
+/// T steps of N robots, time-major.
+pub(super) struct Sequences<'a> {
+    /// T.
+    pub steps: usize,
+    /// What the policy remembered before the first step, of N robots.
+    pub state: &'a PolicyState,
+    /// Where episodes begin, `[T, N]`.
+    pub begins: Vec<bool>,
 }
 
 /// What the value net is trained on.
 #[derive(Clone)]
 pub(super) struct ValueBatch {
-    /// Observations as normalised when they were collected, `[B, O]`.
+    /// Observations as normalised when they were collected, and the hidden states of the policy's memory, if it has one,
+    /// `[B, O + H]`.
     pub obs: Vec<f32>,
     /// Returns `[B]`.
     pub returns: Vec<f32>,
@@ -36,7 +51,17 @@ impl<'a> PolicyBatch<'a> {
             means: &rollout.means,
             log_probs: &rollout.log_probs,
             advantages: standardize(&targets.advantages),
+            sequences: (rollout.state.units() > 0).then(|| Sequences {
+                steps: rollout.horizon,
+                state: &rollout.state,
+                begins: rollout.begins(),
+            }),
         }
+    }
+
+    /// Rows of a sample: a recurrent policy is trained on whole sequences.
+    pub fn steps(&self) -> usize {
+        self.sequences.as_ref().map_or(1, |sequences| sequences.steps)
     }
 
     pub fn rows(&self) -> usize {
@@ -47,7 +72,9 @@ impl<'a> PolicyBatch<'a> {
 impl ValueBatch {
     /// The value net's batch of a rollout.
     pub fn new(rollout: &Rollout, targets: &Targets) -> Result<Self> {
-        Ok(Self { obs: rollout.transform.apply(&rollout.obs)?, returns: targets.returns.clone() })
+        let obs = rollout.transform.apply(&rollout.obs)?;
+        let obs = with_hidden(obs.into(), &rollout.hidden, rollout.state.units()).into_owned();
+        Ok(Self { obs, returns: targets.returns.clone() })
     }
 
     pub fn rows(&self) -> usize {

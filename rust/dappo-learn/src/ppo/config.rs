@@ -48,6 +48,10 @@ pub struct PpoConfig {
     pub gradients: Option<Gradients>,
     /// Hidden layers of both networks (paper).
     pub hidden: Vec<usize>,
+    /// Units of an LSTM over what the policy observes, whose hidden state both networks are given behind the
+    /// observation; a policy without memory when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lstm: Option<usize>,
     /// What a 1 of the damage code becomes in the input of the networks, whose other entries have variance 1
     /// (paper: 1).
     pub code_scale: f64,
@@ -93,6 +97,7 @@ impl Default for PpoConfig {
             device: LearnerDevice::Cpu,
             gradients: None,
             hidden: vec![100, 200, 100],
+            lstm: None,
             code_scale: 1.0,
             gamma: 0.995,
             gae_lambda: 0.98,
@@ -179,6 +184,12 @@ impl PpoConfig {
         })
     }
 
+    /// Width of the hidden state of the policy's memory; 0 for a policy without one.
+    #[must_use]
+    pub fn memory(&self) -> usize {
+        self.lstm.unwrap_or(0)
+    }
+
     /// Logarithm of the standard deviation of a new policy.
     #[must_use]
     pub fn initial_log_std(&self) -> f64 {
@@ -219,6 +230,9 @@ impl PpoConfig {
             ("value_minibatch_size", self.value_minibatch_size),
         ] {
             faults.count(key, value as u64, MOST_COUNT);
+        }
+        if let Some(units) = self.lstm {
+            faults.count("lstm", units as u64, MOST_WIDTH);
         }
         for (layer, &width) in self.hidden.iter().enumerate() {
             faults.count(&format!("hidden[{layer}]"), width as u64, MOST_WIDTH);

@@ -15,7 +15,12 @@ pub(super) trait Problem<Net> {
     /// Rows of the batch.
     fn rows(&self) -> usize;
 
-    /// The loss of `net` on a minibatch, `[1]`, and its gradients: for a net that is its own mirror image averaged with their
+    /// Rows of a sample, which stay together: the steps of a sequence for a recurrent network.
+    fn steps(&self) -> usize {
+        1
+    }
+
+    /// The loss of `net` on a minibatch of samples, `[1]`, and its gradients: for a net that is its own mirror image averaged with their
     /// mirror images, so that it stays one.
     fn gradients(&mut self, net: &Net, minibatch: Vec<i32>) -> Result<(Tensor<1>, GradientsParams)>;
 }
@@ -49,7 +54,8 @@ impl<Net: Module> Descent<'_, Net> {
         size: usize,
         stream: &mut Stream,
     ) -> Result<f64> {
-        let minibatches = shuffled(problem.rows(), size, stream);
+        let steps = problem.steps();
+        let minibatches = shuffled(problem.rows() / steps, size.div_ceil(steps), stream);
         let count = minibatches.len() as f64;
         let mut sum: Option<Tensor<1>> = None;
         for minibatch in minibatches {

@@ -189,6 +189,7 @@ mod tests {
             means: &OLD_MEANS,
             log_probs: old_log_probs,
             advantages: advantages.to_vec(),
+            sequences: None,
         }
     }
 

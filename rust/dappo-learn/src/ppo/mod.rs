@@ -19,7 +19,8 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use dappo_nn::{
-    ActorCritic, FrozenActorCritic, Gradients, Mlp, MlpSymmetry, NnError, Normalizer, PolicySymmetry, adam,
+    ActorCritic, ActorCriticSizes, FrozenActorCritic, Gradients, Mlp, MlpSymmetry, NnError, Normalizer,
+    PolicySymmetry, adam,
 };
 use dappo_sim::rng::{Purpose, Stream};
 use dappo_sim::task::{Reflection, Reflections};
@@ -70,11 +71,9 @@ impl Ppo {
         let device = device.clone().without_autodiff();
         let mut stream = Stream::new(seed, 0, Purpose::Weights);
         let Sizes { obs_dim, privileged, code_length, action_dim } = sizes;
+        let (memory, hidden) = (config.memory(), config.hidden.as_slice());
         let actor_critic = ActorCritic::new(
-            obs_dim,
-            privileged,
-            &config.hidden,
-            action_dim,
+            ActorCriticSizes { obs_dim, privileged, memory, hidden, action_dim },
             config.initial_log_std(),
             &mut || stream.normal(),
             &device,
@@ -113,9 +112,15 @@ impl Ppo {
         let seen = obs.without(end - networks.privileged()..end).ok_or_else(|| {
             LearnError::Invalid("what the policy observes is the mirror image of privileged entries".into())
         })?;
-        let policy = PolicySymmetry::new(seen, hidden, action);
-        let value = MlpSymmetry::new(obs.clone(), hidden, Reflection::identity(1));
+        let policy = PolicySymmetry::new(seen, networks.memory(), hidden, action);
+        let valued = policy.memory().map_or_else(|| obs.clone(), |memory| obs.followed_by(memory.hidden()));
+        let value = MlpSymmetry::new(valued, hidden, Reflection::identity(1));
         let mut networks = networks.valid();
+        if let (Some(memory), Some(symmetry)) = (networks.policy.memory.take(), policy.memory()) {
+            let mut parameters = memory.parameters()?;
+            symmetry.impose(&mut parameters);
+            networks.policy.memory = Some(memory.with_parameters(&parameters));
+        }
         networks.policy.mean = imposed(networks.policy.mean, policy.mean())?;
         networks.value = imposed(networks.value, &value)?;
         self.actor_critic = trainable(networks, self.config.gradients());

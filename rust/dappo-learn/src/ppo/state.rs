@@ -14,8 +14,8 @@ use std::path::Path;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use dappo_nn::kernels::parameter_count;
-use dappo_nn::{ActorCritic, Normalizer, cpu, read};
+use dappo_nn::kernels::{parameter_count, sequence};
+use dappo_nn::{ActorCritic, ActorCriticSizes, Normalizer, cpu, read};
 use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
@@ -46,6 +46,9 @@ struct Header {
     privileged: usize,
     action_dim: usize,
     hidden: Vec<usize>,
+    /// Units of the policy's memory.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lstm: Option<usize>,
     /// As text: TOML's integers end at 2⁶³.
     seed: String,
     updates: u64,
@@ -84,6 +87,7 @@ impl Ppo {
             privileged: self.actor_critic.privileged(),
             action_dim: self.actor_critic.action_dim(),
             hidden: self.config.hidden.clone(),
+            lstm: self.config.lstm,
             seed: self.seed.to_string(),
             updates: self.updates,
             value_batch_rows: self.previous.as_ref().map_or(0, ValueBatch::rows),
@@ -151,6 +155,10 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
     if header.hidden != config.hidden {
         return Err(mismatch("hidden", &format!("{:?}", header.hidden), &format!("{:?}", config.hidden)));
     }
+    if header.lstm != config.lstm {
+        let units = |lstm: Option<usize>| lstm.unwrap_or(0).to_string();
+        return Err(mismatch("lstm", &units(header.lstm), &units(config.lstm)));
+    }
     let code_length = header.normalizer.code_length();
     let Header { obs_dim, privileged, action_dim, .. } = header;
     let known = sizes.unwrap_or(Sizes { obs_dim, privileged, code_length, action_dim });
@@ -182,16 +190,20 @@ fn read_header<F: Files + ?Sized>(files: &F, config: &PpoConfig, sizes: Option<S
 }
 
 fn read_networks<F: Files + ?Sized>(files: &F, header: &Header, device: &Device) -> Result<ActorCritic> {
-    let Header { obs_dim, privileged, action_dim, hidden, .. } = header;
-    let widths = |inputs: usize, outputs: usize| [&[inputs], hidden.as_slice(), &[outputs]].concat();
-    let numbers = parameter_count(&widths(obs_dim - privileged, *action_dim))
-        .and_then(|numbers| numbers.checked_add(*action_dim));
+    let &Header { obs_dim, privileged, action_dim, ref hidden, lstm, .. } = header;
+    let sizes = ActorCriticSizes { obs_dim, privileged, memory: lstm.unwrap_or(0), hidden, action_dim };
+    let memory = match sizes.memory {
+        0 => Some(0),
+        units => sequence::parameter_count(sizes.seen(), units),
+    };
+    let numbers = parameter_count(&sizes.mean())
+        .and_then(|numbers| numbers.checked_add(action_dim))
+        .and_then(|numbers| numbers.checked_add(memory?));
     let policy_file = read_numbers(files, POLICY, numbers)?;
-    let value_file = read_numbers(files, VALUE, parameter_count(&widths(*obs_dim, 1)))?;
+    let value_file = read_numbers(files, VALUE, parameter_count(&sizes.value()))?;
     // Any weights do, as the records replace them.
     let mut filler = Stream::new(0, 0, Purpose::Weights);
-    let ActorCritic { policy, value } =
-        ActorCritic::new(*obs_dim, *privileged, hidden, *action_dim, 0.0, &mut || filler.normal(), device);
+    let ActorCritic { policy, value } = ActorCritic::new(sizes, 0.0, &mut || filler.normal(), device);
     Ok(ActorCritic {
         policy: load_module(policy, &files.path(POLICY), policy_file)?,
         value: load_module(value, &files.path(VALUE), value_file)?,
@@ -203,9 +215,10 @@ fn read_value_batch<F: Files + ?Sized>(files: &F, header: &Header) -> Result<Opt
     if rows == 0 {
         return Ok(None);
     }
-    let numbers = header.obs_dim.checked_add(1).and_then(|width| width.checked_mul(rows));
+    let width = header.obs_dim.checked_add(header.lstm.unwrap_or(0));
+    let numbers = width.and_then(|width| width.checked_add(1)?.checked_mul(rows));
     let bytes = read_numbers(files, VALUE_BATCH, numbers)?;
-    let filler = ValueBatchRecord::of(&vec![0.0; rows * header.obs_dim], &vec![0.0; rows]);
+    let filler = ValueBatchRecord::of(&vec![0.0; rows * width.unwrap_or(0)], &vec![0.0; rows]);
     let record = load_module(filler, &files.path(VALUE_BATCH), bytes)?;
     Ok(Some(ValueBatch { obs: read(record.obs.val())?, returns: read(record.returns.val())? }))
 }

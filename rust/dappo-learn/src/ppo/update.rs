@@ -1,5 +1,7 @@
 //! One update of the policy and the value net from one rollout.
 
+use std::borrow::Cow;
+
 use dappo_nn::error::check_length;
 use dappo_nn::minibatch::evenly_spaced;
 use dappo_nn::{Gradients, Mlp, NnError, unprivileged};
@@ -31,11 +33,16 @@ impl Ppo {
         let value_batch = ValueBatch::new(rollout, targets)?;
         let schedule = self.config.schedule.factor(done);
         let privileged = self.actor_critic.privileged();
-        let seen =
-            unprivileged(&value_batch.obs, &rollout.transform, rollout.transform.obs_dim() - privileged);
+        // The rows of the value net hold the hidden states of a recurrent policy, too.
+        let all = match rollout.state.units() {
+            0 => Cow::Borrowed(&value_batch.obs),
+            _ => Cow::Owned(rollout.transform.apply(&rollout.obs)?),
+        };
+        let seen = unprivileged(&all, &rollout.transform, rollout.transform.obs_dim() - privileged);
         let (policy, value_loss) =
             self.train(&PolicyBatch::new(rollout, &seen, targets), &value_batch, schedule)?;
         drop(seen);
+        drop(all);
         self.previous = Some(value_batch);
         self.adaptation = self.adaptation.after(policy.kl, self.config.kl_target, self.config.max_lr_factor);
         match &self.mirror {
@@ -82,7 +89,7 @@ impl Ppo {
         let gradients = config.gradients();
         let (policy, value_loss) = rayon::join(
             move || {
-                let (batch, probe) = (policy_batch, evenly_spaced(policy_batch.rows(), PROBE_ROWS));
+                let (batch, probe) = (policy_batch, probe(policy_batch));
                 let symmetry = mirror.map(|mirror| &mirror.policy);
                 let mut problem: Box<dyn PolicyProblem> = match gradients {
                     Gradients::Written => {
@@ -126,6 +133,7 @@ impl Ppo {
         for (key, got, expected) in [
             ("obs_dim of the rollout", rollout.obs_dim, self.actor_critic.obs_dim()),
             ("action_dim of the rollout", rollout.action_dim, self.actor_critic.action_dim()),
+            ("units of the rollout's states", rollout.state.units(), self.actor_critic.memory()),
         ] {
             if got != expected {
                 return Err(NnError::Length { what: key, got, expected }.into());
@@ -137,4 +145,10 @@ impl Ppo {
         }
         Ok(())
     }
+}
+
+/// The samples that the KL divergence is measured on.
+fn probe(batch: &PolicyBatch) -> Vec<i32> {
+    let steps = batch.steps();
+    evenly_spaced(batch.rows() / steps, PROBE_ROWS.div_ceil(steps))
 }

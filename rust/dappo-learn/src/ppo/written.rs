@@ -1,9 +1,12 @@
 //! Gradients on CPUs, without a graph of tensors: block by block a minibatch goes forwards, through the loss and back.
 
+use std::borrow::Cow;
+
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
+use dappo_nn::kernels::sequence::{self, Activations, Sequences};
 use dappo_nn::kernels::{Inputs, Level, MlpPass};
-use dappo_nn::{GaussianPolicy, Mlp, MlpSymmetry, PolicySymmetry, cpu, read};
+use dappo_nn::{GaussianPolicy, Mlp, MlpSymmetry, PolicyState, PolicySymmetry, cpu, read, with_hidden};
 
 use super::batch::{PolicyBatch, ValueBatch};
 use super::descent::{Distance, PolicyProblem, Problem};
@@ -16,14 +19,86 @@ pub(super) struct WrittenPolicy<'a> {
     objective: Objective,
     symmetry: Option<&'a PolicySymmetry>,
     batch: &'a PolicyBatch<'a>,
-    /// The rows that distances are measured on.
+    /// The samples that distances are measured on.
     probe: Vec<i32>,
     old_log_std: Vec<f32>,
     pass: MlpPass,
 }
 
+/// What the net for the mean is given in some samples of the batch.
+struct Given<'a> {
+    inputs: Cow<'a, [f32]>,
+    /// Rows of the inputs.
+    order: Vec<i32>,
+    /// The row of the batch of each of the inputs, for those of a recurrent policy.
+    rows: Option<Vec<i32>>,
+    memory: Option<Remembering>,
+}
+
+/// The way of sequences through the memory of a recurrent policy.
+struct Remembering {
+    units: usize,
+    parameters: Vec<f32>,
+    steps: usize,
+    /// Observations `[M, T, O]`.
+    x: Vec<f32>,
+    /// `[M, 2, H]`
+    state: PolicyState,
+    /// `[M, T]`
+    begins: Vec<f32>,
+    kept: Activations,
+}
+
+impl<'a> Given<'a> {
+    /// Samples of a batch: rows, or all steps of robots for a recurrent policy.
+    fn new(policy: &GaussianPolicy, batch: &'a PolicyBatch<'a>, samples: &[i32]) -> Result<Self> {
+        let (Some(sequences), Some(memory)) = (&batch.sequences, &policy.memory) else {
+            let inputs = Cow::Borrowed(batch.obs);
+            return Ok(Self { inputs, order: samples.to_vec(), rows: None, memory: None });
+        };
+        let (steps, units) = (sequences.steps, memory.units());
+        let (robots, width) = (sequences.begins.len() / steps, batch.obs.len() / batch.rows());
+        let chosen: Vec<usize> = samples.iter().map(|robot| *robot as usize).collect();
+        let of_robot = |robot| (0..steps).map(move |step| step * robots + robot);
+        let rows: Vec<usize> = chosen.iter().copied().flat_map(of_robot).collect();
+        let x: Vec<f32> = rows.iter().flat_map(|row| &batch.obs[row * width..][..width]).copied().collect();
+        let begins: Vec<f32> =
+            rows.iter().map(|row| if sequences.begins[*row] { 1.0 } else { 0.0 }).collect();
+        let (state, parameters) = (sequences.state.of_robots(&chosen), memory.parameters()?);
+        let mut hidden = vec![0.0; rows.len() * units];
+        let given = Sequences { steps, x: &x, state: state.numbers(), begins: &begins };
+        let kept = sequence::forward(Level::chosen(), units, &parameters, given, &mut hidden);
+        let inputs = with_hidden(Cow::Borrowed(&x), &hidden, units).into_owned().into();
+        let order = (0..rows.len() as i32).collect();
+        let rows = Some(rows.into_iter().map(|row| row as i32).collect());
+        let memory = Some(Remembering { units, parameters, steps, x, state, begins, kept });
+        Ok(Self { inputs, order, rows, memory })
+    }
+
+    /// Rows of the batch for rows of the inputs.
+    fn rows<'b>(&'b self, order: &'b [i32]) -> &'b [i32] {
+        match (&self.rows, order) {
+            // The inputs of a recurrent policy are taken in their order.
+            (Some(rows), [first, ..]) => &rows[*first as usize..][..order.len()],
+            _ => order,
+        }
+    }
+}
+
+impl Remembering {
+    /// The gradient of the memory's parameters, given that of the inputs of the net, `[M T, O + H]`.
+    fn gradient(&self, input_gradient: &[f32]) -> Vec<f32> {
+        let Self { units, parameters, steps, x, state, begins, kept } = self;
+        let width = input_gradient.len() / begins.len();
+        let of_hidden = input_gradient.chunks_exact(width).flat_map(|row| &row[width - units..]);
+        let of_hidden: Vec<f32> = of_hidden.copied().collect();
+        let given = Sequences { steps: *steps, x, state: state.numbers(), begins };
+        sequence::backward(Level::chosen(), *units, parameters, given, kept, &of_hidden)
+    }
+}
+
 impl<'a> WrittenPolicy<'a> {
-    /// The problem of moving on from `old`, which collected the batch and may be its own mirror image; `probe` lists the rows
+    /// The problem of moving on from `old`, which collected the batch and may be its own mirror image; `probe` lists the samples
     /// that distances are measured on.
     pub fn new(
         objective: Objective,
@@ -47,6 +122,10 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
         self.batch.rows()
     }
 
+    fn steps(&self) -> usize {
+        self.batch.steps()
+    }
+
     fn gradients(
         &mut self,
         policy: &GaussianPolicy,
@@ -54,17 +133,21 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
     ) -> Result<(Tensor<1>, GradientsParams)> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
         let Self { objective, batch, .. } = *self;
-        let count = minibatch.len() as f64;
+        let given = Given::new(policy, batch, &minibatch)?;
+        let mut input_gradient = vec![0.0; if given.memory.is_some() { given.inputs.len() } else { 0 }];
+        let count = given.order.len() as f64;
         let mut pass = |kl_slope: f64| {
             let weights = Weights {
                 kl: kl_slope as f32,
                 clip_range: objective.clip_range as f32,
-                row: 1.0 / minibatch.len() as f32,
+                row: 1.0 / given.order.len() as f32,
             };
-            let loss = |rows: &[i32], means: &[f32], gradients: &mut [f32]| {
-                gaussian.gradients(weights, batch, rows, means, gradients)
+            let loss = |order: &[i32], means: &[f32], gradients: &mut [f32]| {
+                gaussian.gradients(weights, batch, given.rows(order), means, gradients)
             };
-            let (sums, gradient) = self.pass.gradient(&parameters, batch.obs, &minibatch, loss);
+            let (inputs, order) = (&*given.inputs, &given.order);
+            let (sums, gradient) =
+                self.pass.gradient_and_inputs(&parameters, inputs, order, &mut input_gradient, loss);
             (sums, gradient.to_vec())
         };
         // The gradient depends on the mean KL divergence where that exceeds the hinge, which is known only
@@ -88,6 +171,13 @@ impl Problem<GaussianPolicy> for WrittenPolicy<'_> {
         let mut gradients = GradientsParams::new();
         policy.mean.register_gradient(&gradient, &mut gradients);
         gradients.register(policy.log_std.id, vector(&log_std_gradient));
+        if let (Some(way), Some(memory)) = (&given.memory, &policy.memory) {
+            let mut gradient = way.gradient(&input_gradient);
+            if let Some(symmetry) = self.symmetry.and_then(PolicySymmetry::memory) {
+                symmetry.average_flat(&mut gradient);
+            }
+            memory.register_gradient(&gradient, &mut gradients);
+        }
         Ok((vector(&[(objective.kl_penalty(kl) - surrogate) as f32]), gradients))
     }
 }
@@ -96,10 +186,12 @@ impl PolicyProblem for WrittenPolicy<'_> {
     fn distance(&mut self, policy: &GaussianPolicy) -> Result<Distance> {
         let (parameters, gaussian) = (policy.mean.parameters()?, self.gaussian(policy)?);
         let (batch, clip_range) = (self.batch, self.objective.clip_range);
-        let sums = self.pass.evaluate(&parameters, batch.obs, &self.probe, |rows, means| {
+        let given = Given::new(policy, batch, &self.probe)?;
+        let sums = self.pass.evaluate(&parameters, &*given.inputs, &given.order, |order, means| {
+            let rows = given.rows(order);
             (gaussian.kl_sum(batch, rows, means), gaussian.clipped(batch, rows, means, clip_range))
         });
-        let count = self.probe.len() as f64;
+        let count = given.order.len() as f64;
         let kl = sums.iter().map(|(kl, _)| kl).sum::<f64>() / count;
         let clipped: usize = sums.iter().map(|(_, clipped)| clipped).sum();
         Ok(Distance { kl, clip_fraction: clipped as f64 / count })
@@ -172,9 +264,10 @@ mod tests {
     use dappo_sim::rng::{Purpose, Stream};
     use dappo_sim::task::{Image, Reflection};
 
+    use super::super::batch;
     use super::super::recorded::{RecordedPolicy, RecordedValue};
     use super::*;
-    use dappo_nn::{ActorCritic, Gradients, adam, scalar};
+    use dappo_nn::{ActorCritic, ActorCriticSizes, Gradients, adam, scalar};
 
     const ROWS: usize = 700;
     const OBS: usize = 11;
@@ -182,6 +275,8 @@ mod tests {
     const HIDDEN: [usize; 2] = [20, 30];
     /// A KL divergence far above 2 d*, so that the hinge takes part.
     const OBJECTIVE: Objective = Objective { clip_range: 0.2, kl_coef: 1.7, kl_target: 0.01, kl_hinge: 50.0 };
+    const SIZES: ActorCriticSizes<'_> =
+        ActorCriticSizes { obs_dim: OBS, privileged: 0, memory: 0, hidden: &HIDDEN, action_dim: ACTIONS };
 
     fn normals(count: usize, scale: f32, seed: u64) -> Vec<f32> {
         let mut stream = Stream::new(seed, 0, Purpose::Weights);
@@ -189,9 +284,14 @@ mod tests {
     }
 
     fn networks() -> ActorCritic {
+        networks_with(0)
+    }
+
+    fn networks_with(memory: usize) -> ActorCritic {
         let mut stream = Stream::new(2, 0, Purpose::Weights);
         let device = Device::flex().autodiff();
-        let mut networks = ActorCritic::new(OBS, 0, &HIDDEN, ACTIONS, -0.5, &mut || stream.normal(), &device);
+        let sizes = ActorCriticSizes { memory, ..SIZES };
+        let mut networks = ActorCritic::new(sizes, -0.5, &mut || stream.normal(), &device);
         // The last layer of a new policy is small; a policy that has learned differs between observations.
         let last = networks.policy.mean.layers.len() - 1;
         let layer = &mut networks.policy.mean.layers[last];
@@ -232,20 +332,27 @@ mod tests {
     #[test]
     fn loss_gradients_and_distance_of_the_policy_equal_those_of_autodiff() {
         let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().map(|x| x - 2.5).collect();
-        assert_equal_to_autodiff(&log_probs, false);
+        assert_equal_to_autodiff(&log_probs, false, 0);
     }
 
     #[test]
     fn so_they_do_for_networks_that_are_their_own_mirror_images() {
         let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().map(|x| x - 2.5).collect();
-        assert_equal_to_autodiff(&log_probs, true);
+        assert_equal_to_autodiff(&log_probs, true, 0);
+    }
+
+    #[test]
+    fn so_they_do_for_recurrent_policies() {
+        let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().map(|x| x - 2.5).collect();
+        assert_equal_to_autodiff(&log_probs, false, 6);
+        assert_equal_to_autodiff(&log_probs, true, 7);
     }
 
     #[test]
     fn they_are_finite_and_equal_where_ratios_are_bounded() {
         let old = |(row, x): (usize, &f32)| x - if row % 5 == 0 { 300.0 } else { 2.5 };
         let log_probs: Vec<f32> = normals(ROWS, 1.0, 6).iter().enumerate().map(old).collect();
-        assert_equal_to_autodiff(&log_probs, false);
+        assert_equal_to_autodiff(&log_probs, false, 0);
     }
 
     fn imposed(net: &Mlp, symmetry: &MlpSymmetry) -> Mlp {
@@ -254,19 +361,31 @@ mod tests {
         net.clone().with_parameters(&parameters)
     }
 
-    fn assert_equal_to_autodiff(log_probs: &[f32], is_mirrored: bool) {
+    fn assert_equal_to_autodiff(log_probs: &[f32], is_mirrored: bool, memory: usize) {
         let obs = normals(ROWS * OBS, 1.0, 3);
         let means = normals(ROWS * ACTIONS, 0.4, 4);
         let noise = normals(ROWS * ACTIONS, 0.6, 5);
         let actions: Vec<f32> = means.iter().zip(noise).map(|(mean, z)| mean + z).collect();
         let advantages = normals(ROWS, 1.0, 7);
-        let batch = PolicyBatch { obs: &obs, actions: &actions, means: &means, log_probs, advantages };
-        let probe: Vec<i32> = (0..ROWS as i32).step_by(3).collect();
-        let mut old = networks().policy;
-        let symmetry = PolicySymmetry::new(reflection(OBS), &HIDDEN, reflection(ACTIONS));
+        let steps = if memory > 0 { 7 } else { 1 };
+        let samples = ROWS / steps;
+        let state = PolicyState::of(memory, normals(samples * 2 * memory, 0.5, 8)).unwrap();
+        let begins = (0..ROWS).map(|row| row % 5 == 1).collect();
+        let sequences = (memory > 0).then_some(batch::Sequences { steps, state: &state, begins });
+        let batch =
+            PolicyBatch { obs: &obs, actions: &actions, means: &means, log_probs, advantages, sequences };
+        let probe: Vec<i32> = (0..samples as i32).step_by(3).collect();
+        let minibatch = || (0..samples as i32).rev().step_by(2).collect();
+        let mut old = networks_with(memory).policy;
+        let symmetry = PolicySymmetry::new(reflection(OBS), memory, &HIDDEN, reflection(ACTIONS));
         let symmetry = is_mirrored.then_some(&symmetry);
         if let Some(symmetry) = symmetry {
             old.mean = imposed(&old.mean, symmetry.mean());
+            if let (Some(memory), Some(symmetry)) = (old.memory.take(), symmetry.memory()) {
+                let mut parameters = memory.parameters().unwrap();
+                symmetry.impose(&mut parameters);
+                old.memory = Some(memory.with_parameters(&parameters));
+            }
         }
         let mut written = WrittenPolicy::new(OBJECTIVE, &old, symmetry, &batch, probe.clone()).unwrap();
         let mut recorded = RecordedPolicy::new(OBJECTIVE, &old, symmetry, &batch, probe);
@@ -282,6 +401,15 @@ mod tests {
             "{loss}, {expected_loss}"
         );
         assert_near(&flat(&policy.mean, &gradients), &flat(&policy.mean, &expected));
+        if let Some(memory) = &policy.memory {
+            for weight in [&memory.input.weight, &memory.recurrent] {
+                let of = |gradients: &GradientsParams| read(gradients.get::<2>(weight.id).unwrap()).unwrap();
+                assert_near(&of(&gradients), &of(&expected));
+            }
+            let bias = memory.input.bias.as_ref().unwrap().id;
+            let of = |gradients: &GradientsParams| read(gradients.get::<1>(bias).unwrap()).unwrap();
+            assert_near(&of(&gradients), &of(&expected));
+        }
         let of_log_std =
             |gradients: &GradientsParams| read(gradients.get::<1>(policy.log_std.id).unwrap()).unwrap();
         assert_near(&of_log_std(&gradients), &of_log_std(&expected));

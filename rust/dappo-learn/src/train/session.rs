@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use dappo_nn::PolicyState;
 use dappo_sim::task::Reflections;
 
 use crate::checkpoint::{Checkpoint, EnvState, Progress};
@@ -21,6 +22,8 @@ pub(super) struct Session {
     pub ppo: Ppo,
     pub episodes: EpisodeTracker,
     pub progress: Progress,
+    /// What the policy remembers of the envs.
+    memory: PolicyState,
     engine: Box<dyn RolloutEngine>,
     /// How observations and actions are reflected, if the networks are their own mirror images.
     mirror: Option<Reflections>,
@@ -49,6 +52,7 @@ impl Session {
             engine: factory.engine(config)?,
             ppo: Ppo::new(&config.ppo, sizes, config.seed, &device)?.with_mirror(mirror.clone())?,
             mirror,
+            memory: PolicyState::new(num_envs, config.ppo.memory()),
             episodes: EpisodeTracker::new(num_envs),
             progress: Progress { iteration: 0, env_steps: 0, stage: 0 },
             sizes,
@@ -66,7 +70,8 @@ impl Session {
         let checkpoint = Checkpoint::newest(&run.checkpoints(), &self.robot)?;
         let ppo = checkpoint.learner(&config.ppo, self.sizes, &config.ppo.device.open()?)?;
         self.ppo = ppo.with_mirror(self.mirror.clone())?;
-        self.episodes = checkpoint.restore_envs(self.engine.as_mut())?;
+        let (episodes, memory) = checkpoint.restore_envs(self.engine.as_mut(), config.ppo.memory())?;
+        (self.episodes, self.memory) = (episodes, memory);
         self.progress = checkpoint.progress;
         // Stage 0 until `enter_stage` sees the difference and sets the class distribution.
         self.progress.stage = 0;
@@ -77,7 +82,9 @@ impl Session {
     pub fn save(&self, run: &RunFolder) -> Result<()> {
         Checkpoint::write(&run.checkpoints(), &self.robot, self.progress, self.keep, |folder| {
             self.ppo.save(folder)?;
-            EnvState { envs: self.engine.snapshot()?, episodes: self.episodes.clone() }.save(folder)
+            let (envs, episodes, memory) =
+                (self.engine.snapshot()?, self.episodes.clone(), self.memory.clone());
+            EnvState { envs, episodes, memory }.save(folder)
         })
     }
 
@@ -121,6 +128,6 @@ impl Session {
     /// Collects one rollout.
     pub fn collect(&mut self) -> Result<Rollout> {
         let first_step = self.progress.env_steps / self.num_envs as u64;
-        self.engine.collect(&self.ppo.frozen()?, &mut self.episodes, first_step)
+        self.engine.collect(&self.ppo.frozen()?, &mut self.memory, &mut self.episodes, first_step)
     }
 }

@@ -1,5 +1,6 @@
 //! The agents of a trial, and where the damage code of every step comes from.
 
+use dappo_nn::{Policy, PolicyState};
 use dappo_sim::rng::{Purpose, Stream};
 use dappo_sim::vector_env::VectorEnv;
 
@@ -9,17 +10,26 @@ use crate::error::Result;
 
 /// Chooses actions from raw observations.
 pub trait MeanActions {
-    /// The actions without exploration noise.
+    /// What it remembers of `robots` robots at the start of their episodes.
+    fn initial_state(&self, _robots: usize) -> PolicyState {
+        PolicyState::default()
+    }
+
+    /// The actions without exploration noise; what it remembers of each robot goes on by a step.
     ///
     /// # Shapes
-    /// - `obs`: `[N, obs_dim]`, the damage code included if the policy observes it
+    /// - `obs`: `[N, obs_dim]`, the damage code included if the policy observes it; the state of N robots
     /// - output: `[N, action_dim]`
-    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>>;
+    fn mean_actions(&self, obs: &[f32], state: &mut PolicyState) -> Result<Vec<f32>>;
 }
 
-impl MeanActions for dappo_nn::Policy {
-    fn mean_actions(&self, obs: &[f32]) -> Result<Vec<f32>> {
-        Ok(self.mean_actions(obs)?)
+impl MeanActions for Policy {
+    fn initial_state(&self, robots: usize) -> PolicyState {
+        self.initial_state(robots)
+    }
+
+    fn mean_actions(&self, obs: &[f32], state: &mut PolicyState) -> Result<Vec<f32>> {
+        Ok(self.step(obs, state)?)
     }
 }
 
@@ -101,13 +111,30 @@ impl<'a> Agent<'a> {
         Codes { table: &known.codes, source }
     }
 
+    /// What its policy remembers of `robots` robots at the start of their episodes.
+    pub(super) fn initial_state(&self, robots: usize) -> PolicyState {
+        match self {
+            Self::Onboard(_) => PolicyState::default(),
+            Self::Unaware(policy) | Self::Encoded(policy, ..) | Self::Given(policy, ..) => {
+                policy.initial_state(robots)
+            }
+        }
+    }
+
     /// The actions of all robots, `[N, A]`.
-    pub(super) fn act(&mut self, codes: &mut Codes<'_>, env: &VectorEnv) -> Result<Vec<f32>> {
+    pub(super) fn act(
+        &mut self,
+        codes: &mut Codes<'_>,
+        state: &mut PolicyState,
+        env: &VectorEnv,
+    ) -> Result<Vec<f32>> {
         let buffers = env.buffers();
         match self {
             Self::Onboard(controller) => controller.act(&buffers.obs, &buffers.forward_velocity),
-            Self::Unaware(policy) => policy.mean_actions(&buffers.obs),
-            Self::Encoded(policy, ..) | Self::Given(policy, ..) => policy.mean_actions(&codes.append(env)),
+            Self::Unaware(policy) => policy.mean_actions(&buffers.obs, state),
+            Self::Encoded(policy, ..) | Self::Given(policy, ..) => {
+                policy.mean_actions(&codes.append(env), state)
+            }
         }
     }
 

@@ -82,6 +82,7 @@ impl Trial {
         let rows = self.classes.iter().flat_map(|&class| std::iter::repeat_n(class, self.episodes));
         let classes: Vec<usize> = rows.collect();
         let mut codes = agent.codes(&keys, &classes);
+        let mut state = agent.initial_state(classes.len());
         let mut env = self.envs(keys, &classes, config, factory)?;
         let episode = |(&class, &onset)| Episode { class, onset: onset as usize, ..Episode::default() };
         let onsets = &env.buffers().damage_onset;
@@ -96,7 +97,7 @@ impl Trial {
                 return Ok(None);
             }
             let start = Instant::now();
-            let actions = agent.act(&mut codes, &env)?;
+            let actions = agent.act(&mut codes, &mut state, &env)?;
             walks.decision_seconds.push(start.elapsed().as_secs_f64());
             for event in agent.take_events().into_iter().filter(|event| walking[event.robot]) {
                 walks.episodes[event.robot].events.push(event);

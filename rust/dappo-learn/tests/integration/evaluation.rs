@@ -10,6 +10,7 @@ use dappo_learn::envs::EnvFactory;
 use dappo_learn::evaluate::{Conditions, Evaluation, evaluate};
 use dappo_learn::run_folder::RunFolder;
 use dappo_learn::walk::{Encoding, MeanActions};
+use dappo_nn::PolicyState;
 use dappo_sim::task::Reflections;
 use dappo_sim::{Backend, BackendKind, DamageSpace, Physics, Precision, Robot, Severity, SimError};
 
@@ -96,7 +97,7 @@ impl<F: Fn(usize, usize) -> [f32; 2]> Recorder<F> {
 }
 
 impl<F: Fn(usize, usize) -> [f32; 2]> MeanActions for Recorder<F> {
-    fn mean_actions(&self, obs: &[f32]) -> dappo_learn::Result<Vec<f32>> {
+    fn mean_actions(&self, obs: &[f32], _: &mut PolicyState) -> dappo_learn::Result<Vec<f32>> {
         self.seen.borrow_mut().push(obs.to_vec());
         Ok(obs
             .chunks_exact(self.width)

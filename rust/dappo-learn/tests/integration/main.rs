@@ -10,5 +10,6 @@ mod counter;
 mod evaluation;
 mod ppo;
 mod properties;
+mod recurrent;
 mod run_folder;
 mod walk;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use burn::tensor::Device;
 use dappo_learn::Sizes;
 use dappo_learn::{LearnError, Ppo, PpoConfig, PpoLosses, Rollout, Schedule, gae};
-use dappo_nn::Gradients;
+use dappo_nn::{Gradients, PolicyState};
 use dappo_sim::rng::{Purpose, Stream};
 use dappo_sim::task::{Image, Reflection, Reflections};
 
@@ -55,7 +55,7 @@ fn play_with(ppo: &Ppo, iteration: u64, shown: fn(f32) -> f32) -> Rollout {
             })
             .collect();
         let noise: Vec<f32> = (0..envs * ACTIONS).map(|_| stream.normal() as f32).collect();
-        let decision = networks.act(&obs, &noise).unwrap();
+        let decision = networks.act(&obs, &noise, &mut PolicyState::default()).unwrap();
         let reward = |(obs, action): (&[f32], &[f32])| {
             let error = (action[0] - obs[0] / 2.0).powi(2) + (action[1] + obs[2] / 2.0).powi(2);
             -f64::from(error)
@@ -114,7 +114,7 @@ fn fingerprint(ppo: &Ppo) -> (Vec<u32>, String) {
     (bits, format!("{:?} {:?} {}", ppo.normalizer(), ppo.adaptation(), ppo.updates()))
 }
 
-fn temporary(name: &str) -> PathBuf {
+pub fn temporary(name: &str) -> PathBuf {
     let dir = std::env::temp_dir().join(format!("dappo-learn-{name}-{}", std::process::id()));
     std::fs::create_dir_all(&dir).unwrap();
     dir
@@ -151,7 +151,7 @@ fn a_learner_with_a_mirror_learns_the_side_that_it_has_not_seen() {
         }
         let networks = ppo.frozen().unwrap();
         let act = |obs0: f32| networks.policy.mean_actions(&[obs0, 5.0, 1.0]).unwrap();
-        let values = networks.values(&[2.0, 5.0, 1.0, -2.0, 5.0, 1.0]).unwrap();
+        let values = networks.values(&[2.0, 5.0, 1.0, -2.0, 5.0, 1.0], &PolicyState::default()).unwrap();
         (act(2.0), act(-2.0), values, ppo.normalizer().mean()[0])
     };
     let (seen, other, values, mean) = learned(Some(mirror()));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use dappo_learn::checkpoint::{Checkpoint, EnvState, Progress};
 use dappo_learn::config::Layers;
 use dappo_learn::episodes::EpisodeTracker;
-use dappo_nn::Normalizer;
+use dappo_nn::{Normalizer, PolicyState};
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::vector_env::VectorEnvSnapshot;
 use proptest::collection::vec;
@@ -59,6 +59,7 @@ fn env_states() -> impl Strategy<Value = EnvState> {
             move |((rows, obs), classes, episodes)| EnvState {
                 envs: VectorEnvSnapshot { backend: BackendSnapshot { row, rows, classes }, episodes, obs },
                 episodes: EpisodeTracker::new(envs),
+                memory: PolicyState::new(envs, width),
             },
         )
     })
@@ -99,7 +100,7 @@ proptest! {
         let bits = |state: &EnvState| {
             let rows: Vec<u64> = state.envs.backend.rows.iter().map(|x| x.to_bits()).collect();
             let obs: Vec<u32> = state.envs.obs.iter().map(|x| x.to_bits()).collect();
-            (state.envs.backend.row, rows, obs, state.envs.backend.classes.clone(), state.envs.episodes.clone())
+            (state.envs.backend.row, rows, obs, state.envs.backend.classes.clone(), state.envs.episodes.clone(), state.memory.clone())
         };
         prop_assert_eq!(bits(&EnvState::load(folder.as_path()).unwrap()), bits(&state));
         let path = folder.join("envs.safetensors");
@@ -108,8 +109,9 @@ proptest! {
         std::fs::write(&path, &changed).unwrap();
         if let Ok(other) = EnvState::load(folder.as_path()) {
             let backend = &other.envs.backend;
-            // Of each env its class, the ten numbers of its episode and three sums.
-            let numbers = backend.rows.len() + 14 * backend.classes.len();
+            // Of each env its class, the ten numbers of its episode and three sums; two numbers of a memory take the room
+            // of one.
+            let numbers = backend.rows.len() + 14 * backend.classes.len() + other.memory.numbers().len() / 2;
             // The description of the arrays is behind its length.
             let begin = 8 + u64::from_le_bytes(*changed.first_chunk().unwrap()) as usize;
             prop_assert_eq!(begin + 8 * numbers + 4 * other.envs.obs.len(), changed.len());

@@ -13,17 +13,11 @@
 use rayon::prelude::*;
 
 use super::Level;
-use super::elementwise::column_sums;
-use super::lstm_cell::{Block, Gradients, Saved, step_backward, step_forward};
-use super::matmul::Destination::{Accumulate, Overwrite};
-use super::matmul::{Matrix, matmul, matmul_strided};
+use super::matmul::Destination::Overwrite;
+use super::matmul::{Matrix, matmul};
+use super::recurrence::{BLOCK, BlockActivations, GradientSums, PARTITIONS, Recurrence, Windows};
 use super::reduce::sum_in_order;
 
-/// The backward pass sums gradients in this many partitions and then adds those in order. The number is
-/// fixed, so that the result does not depend on the number of threads.
-const PARTITIONS: usize = 8;
-/// Windows of a block: what a block of this size computes on its way fits into a core's cache.
-const BLOCK: usize = 8;
 /// Products of parameters are cut into this many pieces.
 const PIECES: usize = 4;
 
@@ -43,17 +37,6 @@ pub struct LstmSizes {
 pub struct Activations {
     /// Of every block of windows, in order.
     blocks: Vec<BlockActivations>,
-}
-
-/// The stored results of a block of M windows of T steps.
-#[derive(Debug, Clone)]
-struct BlockActivations {
-    /// `[M, T, 4 H]`
-    gates: Vec<f32>,
-    /// `[M, T + 1, H]`
-    cells: Vec<f32>,
-    /// `[M, T, H]`, before every step.
-    hidden: Vec<f32>,
 }
 
 /// Views of the parts of an array of parameters.
@@ -130,25 +113,15 @@ pub fn forward(
     let mut folded = parallel_product(level, embedding, input);
     let (weight, folded_bias) = folded.split_at_mut(sizes.inputs * sizes.gates());
     folded_bias.iter_mut().zip(bias).for_each(|(sum, b)| *sum += b);
-    let weight = Matrix::new(weight, sizes.inputs, sizes.gates());
-
+    let input = Matrix::new(weight, sizes.inputs, sizes.gates());
+    let recurrence = Recurrence { level, input, bias: folded_bias, recurrent };
     let run = |(x, last): (&[f32], &mut [f32])| {
-        let windows = last.len() / sizes.hidden;
-        let mut kept = BlockActivations {
-            gates: vec![0.0; windows * steps * sizes.gates()],
-            cells: vec![0.0; windows * (steps + 1) * sizes.hidden],
-            hidden: vec![0.0; windows * steps * sizes.hidden],
-        };
-        let BlockActivations { gates, cells, hidden } = &mut kept;
-        let mut block = Block { gates, cells, hidden, last };
-        matmul(level, block.gates, Overwrite, Matrix::new(x, windows * steps, sizes.inputs), weight);
-        for step in 0..steps {
-            if step > 0 {
-                add_recurrent(level, &mut block, recurrent, step);
+        let keep_last = |row: usize, step: usize, hidden: &[f32]| {
+            if step + 1 == steps {
+                last[row * sizes.hidden..][..sizes.hidden].copy_from_slice(hidden);
             }
-            step_forward(level, &mut block, folded_bias, step);
-        }
-        kept
+        };
+        recurrence.forward(Windows { steps, x, state: &[], begins: &[] }, keep_last)
     };
     let inputs = x.par_chunks(BLOCK * steps * sizes.inputs);
     let blocks = inputs.zip(out.par_chunks_mut(BLOCK * sizes.hidden));
@@ -157,18 +130,6 @@ pub fn forward(
     }
     blocks.for_each(|block| drop(run(block)));
     None
-}
-
-/// Adds what the hidden states before a step contribute to its gates.
-fn add_recurrent(level: Level, block: &mut Block<'_>, recurrent: Matrix<'_>, step: usize) {
-    let (width, gates) = (recurrent.rows(), recurrent.columns());
-    let rows = block.last.len() / width;
-    let steps = block.hidden.len() / block.last.len();
-    let used = |columns| (rows - 1) * steps * columns + columns;
-    let before = &block.hidden[step * width..][..used(width)];
-    let before = Matrix::strided(before, rows, width, steps * width);
-    let out = &mut block.gates[step * gates..][..used(gates)];
-    matmul_strided(level, out, steps * gates, Accumulate, before, recurrent);
 }
 
 /// The gradient of the parameters, laid out as they are, given that of the last hidden states.
@@ -205,22 +166,16 @@ pub fn backward(
     let partial: Vec<Vec<f32>> = blocks
         .par_chunks(partition)
         .map(|blocks| {
-            let mut sums = vec![0.0; count];
-            let mut scratch = Scratch::new(sizes, steps);
+            let mut sums = GradientSums::new(sizes.inputs, sizes.hidden, steps);
             for &((x, out_gradient), kept) in blocks {
-                let saved = Saved { steps, width: sizes.hidden, gates: &kept.gates, cells: &kept.cells };
-                let gates = backward_block(level, &saved, back, out_gradient, &mut scratch);
-                let rows = x.len() / sizes.inputs;
-                let gates_matrix = Matrix::new(gates, rows, sizes.gates());
-                let (weight, rest) = sums.split_at_mut(sizes.inputs * sizes.gates());
-                let (bias, recurrent) = rest.split_at_mut(sizes.gates());
-                let x = Matrix::new(x, rows, sizes.inputs);
-                matmul(level, weight, Accumulate, x.transposed(), gates_matrix);
-                column_sums(level, gates, bias);
-                let hidden = Matrix::new(&kept.hidden, rows, sizes.hidden);
-                matmul(level, recurrent, Accumulate, hidden.transposed(), gates_matrix);
+                let windows = Windows { steps, x, state: &[], begins: &[] };
+                sums.add(level, windows, kept, back, |step, hidden| {
+                    if step + 1 == steps {
+                        hidden.copy_from_slice(out_gradient);
+                    }
+                });
             }
-            sums
+            sums.sums
         })
         .collect();
     let sums = sum_in_order(partial, count);
@@ -232,51 +187,4 @@ pub fn backward(
         || parallel_product(level, embedding.transposed(), product),
     );
     [&embedding_gradient, &input_gradient, bias_gradient, recurrent_gradient].concat()
-}
-
-/// Buffers of [`backward_block`].
-struct Scratch {
-    /// `[BLOCK, H]`
-    hidden: Vec<f32>,
-    /// `[BLOCK, H]`
-    cells: Vec<f32>,
-    /// `[BLOCK, T, 4 H]`
-    gates: Vec<f32>,
-}
-
-impl Scratch {
-    fn new(sizes: LstmSizes, steps: usize) -> Self {
-        let zeros = |length| vec![0.0; BLOCK * length];
-        Self { hidden: zeros(sizes.hidden), cells: zeros(sizes.hidden), gates: zeros(steps * sizes.gates()) }
-    }
-}
-
-/// Goes back through time; returns the gradient of what enters the gates of a block of M windows.
-///
-/// # Shapes
-/// recurrent, transposed, `[4 H, H]`, `out_gradient` `[M, H]`; returns `[M, T, 4 H]`
-fn backward_block<'a>(
-    level: Level,
-    saved: &Saved<'_>,
-    recurrent: Matrix<'_>,
-    out_gradient: &[f32],
-    scratch: &'a mut Scratch,
-) -> &'a [f32] {
-    let (columns, width) = (recurrent.rows(), recurrent.columns());
-    let rows = out_gradient.len() / width;
-    let hidden = &mut scratch.hidden[..rows * width];
-    let cells = &mut scratch.cells[..rows * width];
-    let gates = &mut scratch.gates[..rows * saved.steps * columns];
-    hidden.copy_from_slice(out_gradient);
-    cells.fill(0.0);
-    for step in (0..saved.steps).rev() {
-        step_backward(level, saved, &mut Gradients { hidden, cells, gates }, step);
-        if step > 0 {
-            let used = (rows - 1) * saved.steps * columns + columns;
-            let entering = &gates[step * columns..][..used];
-            let entering = Matrix::strided(entering, rows, columns, saved.steps * columns);
-            matmul(level, hidden, Overwrite, entering, recurrent);
-        }
-    }
-    gates
 }

@@ -25,9 +25,9 @@ const LANES: usize = 16;
 pub(super) struct Block<'a> {
     /// Gates `[M, T, 4 H]`: first what enters them without bias, then their activations.
     pub gates: &'a mut [f32],
-    /// Cell states `[M, T + 1, H]`, the first of which are the zeros before the first step.
+    /// Cell states before and after every step `[M, T, 2, H]`; those before the first step are given.
     pub cells: &'a mut [f32],
-    /// Hidden states before every step `[M, T, H]`, the first of which are zeros.
+    /// Hidden states before every step `[M, T, H]`; those before the first step are given.
     pub hidden: &'a mut [f32],
     /// Hidden states after the last step `[M, H]`.
     pub last: &'a mut [f32],
@@ -41,7 +41,7 @@ pub(super) struct Saved<'a> {
     pub width: usize,
     /// Activations of the gates `[M, T, 4 H]`.
     pub gates: &'a [f32],
-    /// Cell states `[M, T + 1, H]`.
+    /// Cell states before and after every step `[M, T, 2, H]`.
     pub cells: &'a [f32],
 }
 
@@ -92,12 +92,13 @@ fn step_forward_body<const FMA: bool>(block: &mut Block<'_>, bias: &[f32], step:
             }
         }
         let [i, f, g, o] = quarters(gates);
-        let cells = &mut block.cells[(row * (steps + 1) + step) * width..][..2 * width];
+        let (cells, later) = block.cells[(row * steps + step) * 2 * width..].split_at_mut(2 * width);
         let (before, after) = cells.split_at_mut(width);
         for ((((after, before), i), f), g) in after.iter_mut().zip(before).zip(i).zip(f).zip(g) {
             *after = multiply_add::<FMA>(*f, *before, i * g);
         }
         let hidden = if step + 1 < steps {
+            later[..width].copy_from_slice(after);
             &mut block.hidden[(row * steps + step + 1) * width..][..width]
         } else {
             &mut block.last[row * width..][..width]
@@ -137,7 +138,7 @@ fn step_backward_body<const FMA: bool>(saved: &Saved<'_>, gradients: &mut Gradie
         let gates = quarters(&saved.gates[at..at + 4 * width]);
         let [di, df, dg, d_o] = quarters_mut(&mut gradients.gates[at..at + 4 * width]);
         let mut outputs = [di, df, dg, d_o, cell];
-        let cells = &saved.cells[(row * (steps + 1) + step) * width..][..2 * width];
+        let cells = &saved.cells[(row * steps + step) * 2 * width..][..2 * width];
         let (before, after) = cells.split_at(width);
         // A compiler cannot see that twelve slices do not overlap and would compute one unit at a time, but it
         // sees that arrays do not.

@@ -227,6 +227,21 @@ impl MlpPass {
         order: &[i32],
         loss: impl Fn(&[i32], &[f32], &mut [f32]) -> T + Sync,
     ) -> (Vec<T>, &[f32]) {
+        self.gradient_and_inputs(parameters, data, order, &mut [], loss)
+    }
+
+    /// The same with the gradients of the inputs, unless there is no room for them.
+    ///
+    /// # Shapes
+    /// `input_gradient` `[M, inputs]`, in the order of `order`, or empty
+    pub fn gradient_and_inputs<'a, T: Send>(
+        &mut self,
+        parameters: &[f32],
+        data: impl Into<Inputs<'a>>,
+        order: &[i32],
+        input_gradient: &mut [f32],
+        loss: impl Fn(&[i32], &[f32], &mut [f32]) -> T + Sync,
+    ) -> (Vec<T>, &[f32]) {
         let data = data.into();
         let mut sums = std::mem::take(&mut self.sums);
         let partition = partition_rows(order.len());
@@ -236,18 +251,35 @@ impl MlpPass {
         let layers = self.layers(parameters, &folded);
         let count = if self.parity.is_some() { folded.len() } else { parameters.len() };
         let transposes: Vec<Vec<Vec<f32>>> = layers.par_iter().map(Layer::transposes).collect();
+        let inputs = self.sizes[0];
+        let mut input_gradients: Vec<&mut [f32]> = if input_gradient.is_empty() {
+            (0..used).map(|_| &mut [][..]).collect()
+        } else {
+            assert_eq!(input_gradient.len(), order.len() * inputs, "gradients of the inputs of an MLP");
+            input_gradient.chunks_mut(partition * inputs).collect()
+        };
         let answers: Vec<Vec<T>> = order
             .par_chunks(partition)
             .zip(&mut sums)
-            .map(|(order, sum)| {
+            .zip(&mut input_gradients)
+            .map(|((order, sum), input_gradient)| {
                 sum.resize(count, 0.0);
                 sum.fill(0.0);
                 let mut block = self.take_block();
-                let answers = order.chunks(BLOCK).map(|order| {
+                let answers = order.chunks(BLOCK).enumerate().map(|(index, order)| {
                     block.forward(self.level, self.parity.as_ref(), &layers, data, order);
                     block.out_gradient.resize(block.out.len(), 0.0);
                     let answer = loss(order, &block.out, &mut block.out_gradient);
-                    block.backward(self.level, self.parity.as_ref(), &layers, &transposes, sum);
+                    let (start, length) = (index * BLOCK * inputs, order.len() * inputs);
+                    let input_gradient = input_gradient.get_mut(start..start + length);
+                    block.backward(
+                        self.level,
+                        self.parity.as_ref(),
+                        &layers,
+                        &transposes,
+                        sum,
+                        input_gradient,
+                    );
                     answer
                 });
                 let answers = answers.collect();
@@ -316,7 +348,8 @@ impl Block {
         parity.output().join(level, &mut self.parts, &mut self.out);
     }
 
-    /// Adds the gradients of the parameters to `sum`; `transposes` are those of the layers' weights.
+    /// Adds the gradients of the parameters to `sum` and writes those of the inputs, if there is room for them;
+    /// `transposes` are those of the layers' weights.
     fn backward(
         &mut self,
         level: Level,
@@ -324,6 +357,7 @@ impl Block {
         layers: &[Layer<'_>],
         transposes: &[Vec<Vec<f32>>],
         mut sum: &mut [f32],
+        input_gradient: Option<&mut [f32]>,
     ) {
         let rows = self.x.len() / layers[0].inputs;
         let mut sums: Vec<_> = layers.iter().map(|layer| split_layer(&mut sum, layer)).collect();
@@ -340,6 +374,14 @@ impl Block {
             let gradient = if index == last { gradient } else { &*current };
             if index == 0 {
                 layer.add_weight_gradient(level, &self.x, gradient, sums[0].0);
+                let Some(out) = input_gradient else { return };
+                let Some(parity) = parity else {
+                    layer.input_gradient(level, &transposes[0], gradient, out);
+                    return;
+                };
+                next.resize(rows * layer.inputs, 0.0);
+                layer.input_gradient(level, &transposes[0], gradient, next);
+                parity.input().join(level, next, out);
                 return;
             }
             let start = hidden.len() - rows * layer.inputs;

@@ -15,7 +15,9 @@ mod mlp;
 mod parity;
 #[cfg(target_arch = "x86_64")]
 mod product;
+mod recurrence;
 mod reduce;
+pub mod sequence;
 mod tanh;
 
 pub use level::Level;

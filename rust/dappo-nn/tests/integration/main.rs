@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::float_cmp, reason = "helpers of a test may fail loudly, as tests do")]
 
 mod lstm_op;
+mod memory;
 mod mlp_kernels;
 
 use burn::tensor::Tensor;

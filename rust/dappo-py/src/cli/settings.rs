@@ -88,9 +88,11 @@ fn check_robot(config: &Config, factory: &TableFactory) -> Result<(), SimError> 
     factory.check_memory(config)
 }
 
-/// The device of a training. A backend of the CPU, or its double precision, implies the CPU.
+/// The device of a training. A backend of the CPU, its double precision or a recurrent policy implies the CPU.
 fn training_device(config: &Config) -> Result<Device, SimError> {
-    let is_for_the_cpu = config.env.backend != BackendKind::Auto || config.env.precision == Precision::F64;
+    let is_for_the_cpu = config.env.backend != BackendKind::Auto
+        || config.env.precision == Precision::F64
+        || config.ppo.lstm.is_some();
     if config.env.device == Device::Auto && is_for_the_cpu {
         return Ok(Device::Cpu);
     }

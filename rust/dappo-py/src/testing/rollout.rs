@@ -3,6 +3,7 @@
 use dappo_learn::Ppo;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::episodes::EpisodeTracker;
+use dappo_nn::PolicyState;
 use numpy::{Element, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -29,7 +30,9 @@ pub fn collect_rollout<'py>(
         let ppo = Ppo::new(&config.ppo, sizes, config.seed, &device)?;
         let mut engine = factory.engine(&config)?;
         let start = engine.snapshot()?;
-        let rollout = engine.collect(&ppo.frozen()?, &mut EpisodeTracker::new(config.env.num_envs), 0)?;
+        let mut state = PolicyState::new(config.env.num_envs, config.ppo.memory());
+        let mut episodes = EpisodeTracker::new(config.env.num_envs);
+        let rollout = engine.collect(&ppo.frozen()?, &mut state, &mut episodes, 0)?;
         Ok((start, rollout))
     })?;
     let (steps, envs) = (rollout.horizon, rollout.num_envs);

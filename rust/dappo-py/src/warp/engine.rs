@@ -5,7 +5,7 @@ use dappo_learn::config::Config;
 use dappo_learn::engine::RolloutEngine;
 use dappo_learn::episodes::EpisodeTracker;
 use dappo_learn::{LearnError, Result, Rollout};
-use dappo_nn::FrozenActorCritic;
+use dappo_nn::{FrozenActorCritic, PolicyState};
 use dappo_sim::backend::BackendSnapshot;
 use dappo_sim::curriculum::ClassDistribution;
 use dappo_sim::vector_env::{VectorEnvConfig, VectorEnvSnapshot};
@@ -143,9 +143,11 @@ impl RolloutEngine for WarpEngine {
     fn collect(
         &mut self,
         networks: &FrozenActorCritic,
+        _: &mut PolicyState,
         episodes: &mut EpisodeTracker,
         first_step: u64,
     ) -> Result<Rollout> {
+        networks.policy.refuse_memory()?;
         let transform = networks.transform().clone();
         let mut rollout = Rollout::new(self.horizon, self.num_envs, self.sizes.action_dim, transform);
         let velocities = self.run(networks, &mut rollout, first_step)?;

@@ -108,6 +108,12 @@ impl Reflection {
         Some(Self { entries: entries.collect::<Option<_>>()? })
     }
 
+    /// That of vectors with those of `other` behind them.
+    #[must_use]
+    pub fn followed_by(&self, other: &Self) -> Self {
+        Self::concat([self.clone(), other.clone()])
+    }
+
     /// Length of the vectors that it is for.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -10,10 +10,12 @@ use dappo_learn::error::Result;
 use graph::{Attribute, Graph};
 
 /// A policy: `obs` `[N, O + code_length]`, raw and followed by the damage code → `action` `[N, A]`, clipped to ±1,
-/// and `mean` `[N, A]`, the same before the clip.
+/// and `mean_action` `[N, A]`, the same before the clip. A recurrent one has `hidden` and `cell` `[N, H]`, too, which
+/// become `next_hidden` and `next_cell`.
 pub(super) fn policy(header: &PolicyHeader, tensors: &Tensors) -> Result<Vec<u8>> {
     let widths = &header.layers;
-    let (inputs, outputs, last) = (widths[0], widths[widths.len() - 1], widths.len() - 2);
+    let (outputs, last) = (widths[widths.len() - 1], widths.len() - 2);
+    let inputs = widths[0] - header.lstm.unwrap_or(0);
     let mut graph = Graph::new("policy");
     graph.input("obs", &[inputs]);
     // The damage code passes by the statistics and their bound.
@@ -29,7 +31,14 @@ pub(super) fn policy(header: &PolicyHeader, tensors: &Tensors) -> Result<Vec<u8>
     );
     graph.constant("upper", &[inputs], &bound);
     graph.constant("lower", &[inputs], &bound.iter().map(|x| -x).collect::<Vec<_>>());
-    standardize(&mut graph, "obs", "h0");
+    match header.lstm {
+        None => standardize(&mut graph, "obs", "h0"),
+        Some(units) => {
+            standardize(&mut graph, "obs", "observed");
+            add_memory(&mut graph, units, tensors)?;
+            graph.node_with("Concat", &["observed", "next_hidden"], &["h0"], vec![Attribute::Int("axis", 1)]);
+        }
+    }
     for layer in 0..=last {
         add_linear(
             &mut graph,
@@ -49,6 +58,10 @@ pub(super) fn policy(header: &PolicyHeader, tensors: &Tensors) -> Result<Vec<u8>
     graph.node("Clip", &[&mean, "least", "most"], "action");
     graph.output("action", &[outputs]);
     graph.output("mean_action", &[outputs]);
+    if let Some(units) = header.lstm {
+        graph.output("next_hidden", &[units]);
+        graph.output("next_cell", &[units]);
+    }
     Ok(graph.to_bytes())
 }
 
@@ -125,6 +138,35 @@ fn add_lstm(graph: &mut Graph, hidden: usize, tensors: &Tensors) -> Result<()> {
     graph.node("Add", &["product", "embedding.bias"], "embedded");
     // ONNX requires time first.
     graph.node_with("Transpose", &["embedded"], &["sequence"], vec![Attribute::Ints("perm", vec![1, 0, 2])]);
+    add_gates(graph, hidden, tensors)?;
+    let size = vec![Attribute::Int("hidden_size", hidden as i64)];
+    graph.node_with("LSTM", &["sequence", "W", "R", "B"], &["", "last"], size);
+    graph.indices("direction", &[0]);
+    graph.node("Squeeze", &["last", "direction"], "h0");
+    Ok(())
+}
+
+/// One step from `observed`, `[N, I]`, and the states `hidden` and `cell`, `[N, H]`, to the next states.
+fn add_memory(graph: &mut Graph, units: usize, tensors: &Tensors) -> Result<()> {
+    graph.indices("direction", &[0]);
+    for (flat, with_time) in [("observed", "sequence"), ("hidden", "hidden_before"), ("cell", "cell_before")]
+    {
+        if flat != "observed" {
+            graph.input(flat, &[units]);
+        }
+        graph.node("Unsqueeze", &[flat, "direction"], with_time);
+    }
+    add_gates(graph, units, tensors)?;
+    let inputs = ["sequence", "W", "R", "B", "", "hidden_before", "cell_before"];
+    let size = vec![Attribute::Int("hidden_size", units as i64)];
+    graph.node_with("LSTM", &inputs, &["", "hidden_after", "cell_after"], size);
+    graph.node("Squeeze", &["hidden_after", "direction"], "next_hidden");
+    graph.node("Squeeze", &["cell_after", "direction"], "next_cell");
+    Ok(())
+}
+
+/// The parameters `W`, `R` and `B` of an LSTM.
+fn add_gates(graph: &mut Graph, hidden: usize, tensors: &Tensors) -> Result<()> {
     let gates = 4 * hidden;
     let input = tensors.get("lstm.input.weight")?;
     graph.constant("W", &[1, gates, input.shape[0]], &gate_rows(input, hidden));
@@ -134,10 +176,6 @@ fn add_lstm(graph: &mut Graph, hidden: usize, tensors: &Tensors) -> Result<()> {
     let mut biases = gate_rows(&bias, hidden);
     biases.resize(2 * gates, 0.0);
     graph.constant("B", &[1, 2 * gates], &biases);
-    let size = vec![Attribute::Int("hidden_size", hidden as i64)];
-    graph.node_with("LSTM", &["sequence", "W", "R", "B"], &["", "last"], size);
-    graph.indices("direction", &[0]);
-    graph.node("Squeeze", &["last", "direction"], "h0");
     Ok(())
 }
 

@@ -114,6 +114,9 @@ arguments! {
         /// Let the policy observe the last N env steps instead of the last one
         #[arg(long, value_name = "N", allow_negative_numbers = true)]
         pub history: Option<Count<1>> => "env.history",
+        /// Give the policy a memory of its observations: an LSTM of so many units
+        #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
+        pub lstm: Option<Count<1>> => "ppo.lstm",
         /// Train on the healthy robot alone (the expert)
         #[arg(long)]
         pub healthy: bool,
@@ -143,7 +146,7 @@ arguments! {
         pub run: Option<PathBuf>,
         /// Resume an earlier run; --steps may extend it, --set change settings that its checkpoints do not
         /// depend on
-        #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "history", "healthy", "damage", "reward", "physics"])]
+        #[arg(long, value_name = "DIR", conflicts_with_all = ["run", "robot", "config", "num_envs", "seed", "device", "backend", "precision", "unaware", "history", "lstm", "healthy", "damage", "reward", "physics"])]
         pub resume: Option<PathBuf>,
         /// Where the robot file has changed since the run began [default: stop, and print what differs]
         #[arg(long, value_name = "WHICH", requires = "resume")]

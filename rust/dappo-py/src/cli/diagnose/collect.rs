@@ -39,8 +39,9 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
     };
     let wanted = arguments.collection(preset, config.damage.severity).or_raise()?;
     let (expert, policy) = pool.run(py, || -> Result<_> {
-        let expert = RunPolicy::trained(&folder, &config, &factory)?;
-        let policy = policy.map(|run| RunPolicy::trained(&run.folder, &run.config, &factory)).transpose()?;
+        let expert = RunPolicy::stateless(&folder, &config, &factory)?;
+        let policy =
+            policy.map(|run| RunPolicy::stateless(&run.folder, &run.config, &factory)).transpose()?;
         check(&wanted, &factory, policy.as_ref())?;
         Ok((expert, policy))
     })?;
