@@ -44,7 +44,7 @@ impl Lstm {
     /// x `[B, T, I]`; state, hidden and cell, before the first step `[B, 2, H]`; begins, 1 where a sequence begins anew and
     /// else 0, `[B, T]`; returns `[B, T, H]`
     #[must_use]
-    pub fn forward(&self, x: Tensor<3>, state: Tensor<3>, begins: Tensor<2>) -> Tensor<3> {
+    pub fn forward(&self, x: Tensor<3>, state: &Tensor<3>, begins: &Tensor<2>) -> Tensor<3> {
         let ([rows, steps, inputs], units) = (x.dims(), self.units());
         let entering = self.input.forward(x.reshape([rows * steps, inputs]));
         let entering = entering.reshape([rows, steps, 4 * units]);

@@ -22,6 +22,9 @@ use crate::kinds::RobotChanged;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
 
+/// Actions, and what a recurrent policy remembers after its step.
+type Step<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
+
 /// A trained policy without exploration noise.
 #[pyclass(name = "Policy", module = "dappo_batch._core")]
 pub struct PyPolicy {
@@ -127,7 +130,7 @@ impl PyPolicy {
         obs: PyReadonlyArray2<'py, f32>,
         state: PyReadonlyArray3<'py, f32>,
         damage_classes: Option<PyReadonlyArray1<'py, i64>>,
-    ) -> PyResult<(Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>)> {
+    ) -> PyResult<Step<'py>> {
         let rows = obs.as_slice().map_err(not_contiguous)?;
         let complete = self.complete(rows, obs.shape(), damage_classes.as_ref())?;
         let shape = [obs.shape()[0], 2, self.memory()];

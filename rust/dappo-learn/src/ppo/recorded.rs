@@ -90,7 +90,7 @@ impl Rows {
         };
         let [rows, width] = self.obs.dims();
         let x = self.obs.clone().reshape([rows / steps, *steps, width]);
-        let hidden = memory.forward(x, state.clone(), begins.clone());
+        let hidden = memory.forward(x, state, begins);
         let hidden = hidden.reshape([rows, memory.units()]);
         policy.mean.forward(Tensor::cat(vec![self.obs.clone(), hidden], 1))
     }

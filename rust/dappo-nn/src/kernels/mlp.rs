@@ -234,6 +234,9 @@ impl MlpPass {
     ///
     /// # Shapes
     /// `input_gradient` `[M, inputs]`, in the order of `order`, or empty
+    ///
+    /// # Panics
+    /// As [`MlpPass::gradient`], and if `input_gradient` has another length.
     pub fn gradient_and_inputs<'a, T: Send>(
         &mut self,
         parameters: &[f32],

@@ -51,7 +51,7 @@ fn recurrence(level: Level, parameters: &[f32], width: usize) -> Recurrence<'_> 
 }
 
 /// The blocks of sequences.
-fn blocks<'a>(sequences: Sequences<'a>, inputs: usize, width: usize) -> Vec<Windows<'a>> {
+fn blocks(sequences: Sequences<'_>, inputs: usize, width: usize) -> Vec<Windows<'_>> {
     let Sequences { steps, x, state, begins } = sequences;
     let of_block = |((x, state), begins)| Windows { steps, x, state, begins };
     let x = x.chunks(BLOCK * steps * inputs);

@@ -42,8 +42,8 @@ fn hidden_states_and_all_gradients_equal_burns_with_states_and_beginnings_at_eve
             let (begins, weights) = (begins(rows, steps), normals(rows * steps * units, 4));
             let hidden = lstm.forward(
                 tensor(x.clone(), [rows, steps, inputs], &device),
-                tensor(state.clone(), [rows, 2, units], &device),
-                tensor(begins.clone(), [rows, steps], &device),
+                &tensor(state.clone(), [rows, 2, units], &device),
+                &tensor(begins.clone(), [rows, steps], &device),
             );
             let sum = (hidden.clone() * tensor(weights.clone(), [rows, steps, units], &device)).sum();
             let mut gradients = GradientsParams::from_grads(sum.backward(), &lstm);
@@ -81,8 +81,8 @@ fn steps_go_through_the_hidden_states_of_the_sequence() {
     let (x, begins) = (normals(rows * steps * inputs, 2), begins(rows, steps));
     let expected = values(lstm.forward(
         tensor(x.clone(), [rows, steps, inputs], &device),
-        Tensor::zeros([rows, 2, units], &device),
-        tensor(begins.clone(), [rows, steps], &device),
+        &Tensor::zeros([rows, 2, units], &device),
+        &tensor(begins.clone(), [rows, steps], &device),
     ));
     let frozen = lstm.frozen().unwrap();
     assert_eq!((frozen.inputs(), frozen.units()), (inputs, units));
