@@ -110,6 +110,8 @@ def learner(config: dict[str, Any]) -> str:
         others += f", {steps} steps a class"
     if steps := config["env"].get("history"):
         others += f", history of {steps} steps"
+    if units := config["ppo"].get("lstm"):
+        others += f", LSTM of {units} units"
     if not config["env"]["observe_damage"]:
         return f"PPO-Unaware{others}"
     return f"DA-PPO, code scale {config['ppo'].get('code_scale', 1):g}{others}"

@@ -96,6 +96,14 @@ def test_an_export_in_onnx_takes_and_returns_the_state(runs: Path, tmp_path: Pat
             np.testing.assert_allclose(driver.act(row), np.clip(action, -1, 1), atol=2e-6)
 
 
+def test_reports_simulate_recurrent_policies(runs: Path, tmp_path: Path, opengl: None) -> None:
+    page = tmp_path / "report.html"
+    command("report", runs / "aware", runs / "plain", "--out", page)
+    text = page.read_text(encoding="utf-8")
+    assert f"lstm {UNITS}" in text
+    assert "data:image/jpeg" in text
+
+
 def test_a_recurrent_policy_is_refused_where_its_state_would_be_lost(runs: Path, tmp_path: Path) -> None:
     policy = Policy.load(runs / "aware")
     assert policy.is_recurrent

@@ -310,8 +310,8 @@ def _distinctions(own: Mapping[str, str], rivals: Sequence[Mapping[str, str]]) -
     texts = []
     for key in keys:
         value = own.get(key, "default")
-        if key == "env.history" and key not in own:
-            continue  # one step, or what the task has
+        if key in ("env.history", "ppo.lstm") and key not in own:
+            continue  # one step, or what the task has; no memory
         if key == "curriculum":
             texts.append(f"curriculum {_stages(value)}")
         elif key == "total_steps":

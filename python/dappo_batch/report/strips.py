@@ -125,9 +125,10 @@ def _episode(run: Run, damage: str) -> _Episode:
     obs, infos = robot.reset(seed=0)
     command = np.array(infos["command"][0]) if "command" in infos else None
     positions, velocities = [_position(robot.get_state()[0])], []
-    fell = False
+    fell, state = False, policy.initial_state(1)
+    code = damage if policy.observes_damage else None
     for _ in range(_STEPS):
-        actions = policy.act(obs, damage_class=damage if policy.observes_damage else None)
+        actions, state = policy.step(obs, state, damage_class=code)
         obs, _, terminated, truncated, infos = robot.step(actions)
         positions.append(_position(robot.get_state()[0]))
         velocities.append(float(infos["forward_velocity"][0]))

@@ -1,6 +1,6 @@
 //! What a training takes of the memory, estimated before anything is taken.
 
-use dappo_nn::kernels::{parameter_count, partitions, sequence};
+use dappo_nn::kernels::{lstm_sequence, parameter_count, partitions};
 use dappo_sim::memory::{Bytes, of_envs};
 use dappo_sim::{Layout, SimError};
 
@@ -53,7 +53,7 @@ fn network(config: &Config, inputs: usize, outputs: usize) -> Bytes {
 fn memory(config: &Config, sizes: Sizes) -> Bytes {
     let Some(units) = config.ppo.lstm else { return Bytes::of(0, 1) };
     let kept = Bytes::of(config.ppo.minibatch_size.max(config.horizon), FLOAT).times(8).times(units);
-    parameters(sequence::parameter_count(sizes.obs_dim, units)).times((COPIES + 8) * FLOAT).and(kept)
+    parameters(lstm_sequence::parameter_count(sizes.obs_dim, units)).times((COPIES + 8) * FLOAT).and(kept)
 }
 
 /// Parameters of a network; `None` stands for more than can be counted.

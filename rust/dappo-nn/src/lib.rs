@@ -1,5 +1,5 @@
-//! Networks: a tanh MLP, the Gaussian policy and value nets made of it, the diagnoser's LSTM; what trains them, and
-//! what is left of them for acting.
+//! Networks: a tanh MLP, the Gaussian policy and value nets made of it, the LSTMs of recurrent policies and diagnosers;
+//! what trains them, and what is left of them for acting.
 //!
 //! Parameters, optimiser states and files are burn's, on every device. On CPUs forward and backward passes and Adam are
 //! written out in [`kernels`]: a policy of 40 thousand parameters is smaller than what a general tensor operation costs.

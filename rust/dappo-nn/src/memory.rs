@@ -9,13 +9,13 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use crate::error::{NnError, Result, check_length};
 use crate::host::read;
-use crate::kernels::{Level, sequence};
+use crate::kernels::{Level, lstm_sequence};
 use crate::lstm::{composed_step, gates};
 use crate::mlp::replaced;
 
 /// An LSTM, as it is trained.
 ///
-/// Parameters are ordinary burn parameters; on a CPU whole sequences go through [`sequence`]. The four gates lie side by
+/// Parameters are ordinary burn parameters; on a CPU whole sequences go through [`lstm_sequence`]. The four gates lie side by
 /// side in the order input, forget, cell, output, which is PyTorch's; PyTorch has two biases, whose sum is the one here.
 #[derive(Module, Debug)]
 pub struct Lstm {
@@ -137,7 +137,7 @@ impl FrozenLstm {
     pub fn new(units: usize, parameters: Vec<f32>) -> Result<Self> {
         let inputs =
             (parameters.len() / (4 * units).max(1)).checked_sub(units + 1).filter(|inputs| *inputs > 0);
-        let expected = inputs.and_then(|inputs| sequence::parameter_count(inputs, units));
+        let expected = inputs.and_then(|inputs| lstm_sequence::parameter_count(inputs, units));
         if expected != Some(parameters.len()) {
             return Err(NnError::Invalid(format!(
                 "an LSTM of {units} units has {} parameters, expected 4 · {units} · (inputs + {units} + 1) with at least \
@@ -176,7 +176,7 @@ impl FrozenLstm {
             &state.numbers,
             rows.len() / self.inputs() * 2 * self.units,
         )?;
-        sequence::step(self.level, self.units, &self.parameters, rows, &mut state.numbers);
+        lstm_sequence::step(self.level, self.units, &self.parameters, rows, &mut state.numbers);
         Ok(())
     }
 }

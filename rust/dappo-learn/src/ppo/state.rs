@@ -14,7 +14,7 @@ use std::path::Path;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use dappo_nn::kernels::{parameter_count, sequence};
+use dappo_nn::kernels::{lstm_sequence, parameter_count};
 use dappo_nn::{ActorCritic, ActorCriticSizes, Normalizer, cpu, read};
 use dappo_sim::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -194,7 +194,7 @@ fn read_networks<F: Files + ?Sized>(files: &F, header: &Header, device: &Device)
     let sizes = ActorCriticSizes { obs_dim, privileged, memory: lstm.unwrap_or(0), hidden, action_dim };
     let memory = match sizes.memory {
         0 => Some(0),
-        units => sequence::parameter_count(sizes.seen(), units),
+        units => lstm_sequence::parameter_count(sizes.seen(), units),
     };
     let numbers = parameter_count(&sizes.mean())
         .and_then(|numbers| numbers.checked_add(action_dim))

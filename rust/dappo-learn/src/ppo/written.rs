@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
-use dappo_nn::kernels::sequence::{self, Activations, Sequences};
+use dappo_nn::kernels::lstm_sequence::{self, Activations, Sequences};
 use dappo_nn::kernels::{Inputs, Level, MlpPass};
 use dappo_nn::{GaussianPolicy, Mlp, MlpSymmetry, PolicyState, PolicySymmetry, cpu, read, with_hidden};
 
@@ -67,7 +67,7 @@ impl<'a> Given<'a> {
         let (state, parameters) = (sequences.state.of_robots(&chosen), memory.parameters()?);
         let mut hidden = vec![0.0; rows.len() * units];
         let given = Sequences { steps, x: &x, state: state.numbers(), begins: &begins };
-        let kept = sequence::forward(Level::chosen(), units, &parameters, given, &mut hidden);
+        let kept = lstm_sequence::forward(Level::chosen(), units, &parameters, given, &mut hidden);
         let inputs = with_hidden(Cow::Borrowed(&x), &hidden, units).into_owned().into();
         let order = (0..rows.len() as i32).collect();
         let rows = Some(rows.into_iter().map(|row| row as i32).collect());
@@ -93,7 +93,7 @@ impl Remembering {
         let of_hidden = input_gradient.chunks_exact(width).flat_map(|row| &row[width - units..]);
         let of_hidden: Vec<f32> = of_hidden.copied().collect();
         let given = Sequences { steps: *steps, x, state: state.numbers(), begins };
-        sequence::backward(Level::chosen(), *units, parameters, given, kept, &of_hidden)
+        lstm_sequence::backward(Level::chosen(), *units, parameters, given, kept, &of_hidden)
     }
 }
 

@@ -13,9 +13,9 @@
 use rayon::prelude::*;
 
 use super::Level;
+use super::lstm_block::{BLOCK, BlockActivations, GradientSums, PARTITIONS, Recurrence, Windows};
 use super::matmul::Destination::Overwrite;
 use super::matmul::{Matrix, matmul};
-use super::recurrence::{BLOCK, BlockActivations, GradientSums, PARTITIONS, Recurrence, Windows};
 use super::reduce::sum_in_order;
 
 /// Products of parameters are cut into this many pieces.

@@ -9,15 +9,15 @@ mod elementwise;
 mod layer;
 mod level;
 pub mod lstm;
+mod lstm_block;
 mod lstm_cell;
+pub mod lstm_sequence;
 mod matmul;
 mod mlp;
 mod parity;
 #[cfg(target_arch = "x86_64")]
 mod product;
-mod recurrence;
 mod reduce;
-pub mod sequence;
 mod tanh;
 
 pub use level::Level;

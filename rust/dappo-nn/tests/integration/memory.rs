@@ -4,7 +4,7 @@ use burn::module::Param;
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 use dappo_nn::kernels::Level;
-use dappo_nn::kernels::sequence::{self, Sequences, parameter_count};
+use dappo_nn::kernels::lstm_sequence::{self, Sequences, parameter_count};
 use dappo_nn::{
     ActorCritic, ActorCriticSizes, FrozenLstm, Lstm, LstmSymmetry, Normalizer, Policy, PolicyState,
 };
@@ -56,8 +56,8 @@ fn hidden_states_and_all_gradients_equal_burns_with_states_and_beginnings_at_eve
             for level in Level::available() {
                 let sequences = Sequences { steps, x: &x, state: &state, begins: &begins };
                 let mut hidden = vec![0.0; weights.len()];
-                let kept = sequence::forward(level, units, &parameters, sequences, &mut hidden);
-                let gradient = sequence::backward(level, units, &parameters, sequences, &kept, &weights);
+                let kept = lstm_sequence::forward(level, units, &parameters, sequences, &mut hidden);
+                let gradient = lstm_sequence::backward(level, units, &parameters, sequences, &kept, &weights);
                 for (got, expected) in [(&hidden, &expected_hidden), (&gradient, &expected_gradient)] {
                     let scale = expected.iter().fold(1.0_f32, |scale, x| scale.max(x.abs()));
                     assert_eq!(got.len(), expected.len());

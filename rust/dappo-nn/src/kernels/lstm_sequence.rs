@@ -6,8 +6,8 @@
 use rayon::prelude::*;
 
 use super::Level;
+use super::lstm_block::{BLOCK, BlockActivations, GradientSums, PARTITIONS, Recurrence, Windows};
 use super::matmul::Matrix;
-use super::recurrence::{BLOCK, BlockActivations, GradientSums, PARTITIONS, Recurrence, Windows};
 use super::reduce::sum_in_order;
 
 /// Sequences of T steps.
