@@ -2,8 +2,9 @@
 
 Usage: ``python docs/results/shares.py NAME [RUN...]`` writes what specialists reach with their own damage,
 runs of ``dappo-batch train --damage``, into ``docs/results/NAME/specialists.csv``, and prints for each
-learner and seed of ``per_class.csv`` there the mean share over all damage classes, the mean of the five
-lowest, and the lowest. A class without a specialist has that of its mirror image. It needs the package.
+learner and seed of ``per_class.csv`` there the mean share over damage classes, the mean of the five
+lowest, and the lowest. A class without a specialist has that of its mirror image, or else does not count.
+It needs the package.
 """
 
 from __future__ import annotations
@@ -38,12 +39,16 @@ def main() -> None:
     table = dappo_batch.compile_class_table(rows[0]["robot"])
     names = [item.name for item in table.space.classes]
     for name, image in zip(names, mirror_images(table), strict=True):
-        reached.setdefault(name, reached[names[image]] if names[image] in reached else float("nan"))
+        if names[image] in reached:
+            reached.setdefault(name, reached[names[image]])
     shares: dict[tuple[str, str], dict[str, float]] = defaultdict(dict)
     for row in read(target / "per_class.csv"):
-        share = float(row["forward_reward"]) / reached[row["name"]]
-        shares[row["learner"], row["seed"]][row["name"]] = share
-    print(f"mean of the specialists over all classes: {mean(reached[name] for name in names):.1f}")
+        if row["name"] in reached:
+            share = float(row["forward_reward"]) / reached[row["name"]]
+            shares[row["learner"], row["seed"]][row["name"]] = share
+    print(
+        f"mean of the specialists over {len(reached)} of {len(names)} classes: {mean(reached.values()):.1f}"
+    )
     for (learner, seed), found in shares.items():
         lowest = sorted(found.values())[:WORST]
         worst = min(found, key=found.__getitem__)

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dappo_batch
-from dappo_batch import Controller
+from dappo_batch import ConfigError, Controller, Policy
 
 from .command_line import dappo_batch as run
 from .conftest import CONTROLLER_SIZES
@@ -356,6 +356,33 @@ def test_a_policy_without_code_walks_with_the_history_that_it_observes(parts: Pa
     # `adapt` counts from the second step on; in the first one robots hardly move.
     assert healthy["unaware"] == pytest.approx(evaluated.forward_reward, abs=0.2)
     assert abs(healthy["unaware"] - healthy["no_adaptation"]) > 2
+
+
+def test_a_policy_of_another_learner_walks_in_the_place_of_one_without_damage_code(parts: Path) -> None:
+    """The policy of the controller, as a function with the code of a healthy robot, does not adapt."""
+    policy = Policy.load(parts / "aware")
+    seen: list[tuple[int, ...]] = []
+
+    def act(obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen.append(obs.shape)
+        return policy.act(obs)
+
+    found = dappo_batch.adapt(
+        parts / "aware",
+        parts / "diagnoser",
+        act=act,
+        damage="missing_toe@0",
+        at=20,
+        episodes=2,
+        threads=1,
+        set={"env.max_episode_steps": 60},
+        controller={"cooldown": 0},
+    )
+    (result,) = found.summary.classes
+    assert seen == [(2, policy.obs_dim)] * 60
+    assert result.unaware == result.no_adaptation
+    with pytest.raises(ConfigError, match="unaware"):
+        dappo_batch.adapt(parts / "aware", parts / "diagnoser", act=act, unaware=parts / "aware", damage=0)
 
 
 def test_a_damage_that_the_controller_does_not_know_is_mapped_to_one_that_it_does(parts: Path) -> None:

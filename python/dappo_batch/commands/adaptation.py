@@ -7,6 +7,7 @@ from typing import Any, Unpack
 
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Folder, RobotChanged, Simulation
+from dappo_batch.outside_policy import Act
 from dappo_batch.results import AdaptationReport
 
 __all__ = ["adapt"]
@@ -22,6 +23,7 @@ def adapt(
     seed: int = 0,
     expert: Folder | None = None,
     unaware: Folder | None = None,
+    act: Act | str | None = None,
     log: Folder | None = None,
     controller: Mapping[str, Any] | None = None,
     set: Mapping[str, Any] | None = None,
@@ -46,6 +48,9 @@ def adapt(
         Run folder of the policy that controls the robot during a diagnosis; by default `run` itself.
     unaware
         Run folder of PPO-Unaware, for comparison.
+    act
+        A function in the place of PPO-Unaware, or its name, ``"module:function"``: see `evaluate`. It gets
+        observations without damage code.
     log
         CSV file for the first episode of a single damage class, step by step.
     controller
@@ -72,6 +77,7 @@ def adapt(
         "seed": seed,
         "expert": expert,
         "unaware": unaware,
+        "act": act,
         "log": log,
         "controller": controller,
         "set": set,

@@ -25,12 +25,13 @@ from .trainers import (
     Lanes,
     Mujoco,
     StableBaselines,
+    Symmetric,
     Trainer,
 )
 
 __all__ = ["TRAINERS", "Trainer", "TrainingReport", "run"]
 
-TRAINERS: tuple[type[Trainer], ...] = (Lanes, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
+TRAINERS: tuple[type[Trainer], ...] = (Lanes, Symmetric, Mujoco, AsConfigured, StableBaselines, EnvPoolTorch)
 """All trainers; add new ones here."""
 
 

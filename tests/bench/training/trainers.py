@@ -15,7 +15,16 @@ from ..commands import TrainingFailed, TrainingRun
 from ..entry import WorkerEntry
 from .task import Task, pass_flops
 
-__all__ = ["AsConfigured", "EnvPoolTorch", "Lanes", "Mujoco", "Sample", "StableBaselines", "Trainer"]
+__all__ = [
+    "AsConfigured",
+    "EnvPoolTorch",
+    "Lanes",
+    "Mujoco",
+    "Sample",
+    "StableBaselines",
+    "Symmetric",
+    "Trainer",
+]
 
 
 @dataclass(frozen=True)
@@ -137,12 +146,14 @@ def sample_of(run: TrainingRun) -> Sample:
         policy_rows = batch * sum(int(row["epochs_run"]) for row in rows)
         value_rows = 2 * batch * int(config["ppo"]["value_epochs"]) * len(rows)
         policy, value = pass_flops([inputs, *hidden, outputs]), pass_flops([inputs, *hidden, 1])
+        # Networks that are their own mirror images take half the products.
+        products = 0.5 if config["ppo"].get("symmetry", False) is True else 1.0
         return Sample(
             iterations=len(rows),
             env_steps=int(rows[-1]["env_steps"]) - int(run.metrics[0]["env_steps"]),
             rollout_seconds=sum(float(row["rollout_seconds"]) for row in rows),
             update_seconds=sum(float(row["update_seconds"]) for row in rows),
-            update_flops=float(policy_rows * policy + value_rows * value),
+            update_flops=products * (policy_rows * policy + value_rows * value),
         )
     except KeyError as error:
         raise TrainingFailed(f"the run folder lacks {error}") from error
@@ -158,6 +169,17 @@ class Lanes(Ours):
     def options(self, task: Task) -> list[str]:
         """Arguments of ``train`` that differ between these trainers."""
         return ["--envs", str(task.num_envs), "--backend", "lanes"]
+
+
+class Symmetric(Lanes):
+    """The same with networks that are their own mirror images."""
+
+    key = "ours lanes, symmetric"
+    about = "dappo-batch train --backend lanes with left-right symmetric networks, as by default"
+
+    def settings(self, task: Task) -> list[str]:
+        """Values of ``--set``."""
+        return [*super().settings(task), "ppo.symmetry=true"]
 
 
 class Mujoco(Ours):

@@ -1,5 +1,5 @@
 //! Episodes with mid-episode damage: a controller compared with the same policy with fixed damage codes and
-//! with PPO-Unaware.
+//! with a policy without damage code, such as PPO-Unaware.
 
 mod class;
 mod outcome;
@@ -12,8 +12,7 @@ mod trace;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
-use dappo_learn::walk::{Agent, Encoding, KnownClasses, Trial, Walks};
-use dappo_nn::Policy;
+use dappo_learn::walk::{Agent, Encoding, KnownClasses, MeanActions, Trial, Walks};
 
 use crate::controller::Controller;
 
@@ -29,7 +28,7 @@ pub struct Contest {
     pub oracle: Walks,
     /// Those of the policy with the code of a healthy robot.
     pub no_adaptation: Walks,
-    /// Those of PPO-Unaware.
+    /// Those of a policy without damage code, such as PPO-Unaware.
     pub unaware: Option<Walks>,
 }
 
@@ -40,7 +39,7 @@ impl Contest {
     pub fn run(
         trial: &Trial,
         controller: &mut Controller,
-        unaware: Option<(&Policy, &dyn EnvFactory)>,
+        unaware: Option<(&dyn MeanActions, &dyn EnvFactory)>,
         classes: &KnownClasses,
         (config, factory): (&Config, &dyn EnvFactory),
         stop: &dyn Fn() -> bool,

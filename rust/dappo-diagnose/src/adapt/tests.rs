@@ -5,7 +5,7 @@ use std::cell::{Cell, RefCell};
 use dappo_learn::Sizes;
 use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
-use dappo_learn::walk::{Event, EventKind, Kept, KnownClasses, Trial, Walks};
+use dappo_learn::walk::{Event, EventKind, Kept, KnownClasses, MeanActions, Trial, Walks};
 use dappo_nn::diagnoser::DiagnoserNet;
 use dappo_nn::{FrozenMlp, InputTransform, Policy, Standardizer, cpu};
 use dappo_sim::rng::env_keys;
@@ -164,7 +164,7 @@ fn run(factory: &Factory, unaware: Option<&Policy>, stop: &dyn Fn() -> bool) -> 
     config.env.max_episode_steps = Some(STEPS);
     let mut controller = controller(factory, CLASSES.len() * EPISODES);
     let known = KnownClasses::of(&factory.space);
-    let unaware = unaware.map(|policy| (policy, factory as &dyn EnvFactory));
+    let unaware = unaware.map(|policy| (policy as &dyn MeanActions, factory as &dyn EnvFactory));
     Contest::run(&trial, &mut controller, unaware, &known, (&config, factory), stop).unwrap()
 }
 

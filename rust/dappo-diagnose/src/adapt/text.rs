@@ -99,7 +99,7 @@ impl AdaptationSummary {
         };
         let unaware = self
             .unaware_share
-            .map_or_else(String::new, |share| format!(", PPO-Unaware {}", percent(Some(share))));
+            .map_or_else(String::new, |share| format!(", without damage code {}", percent(Some(share))));
         [
             format!("healthy episodes without a false alarm: {}\n", percent(self.healthy_without_alarm)),
             left_out,
@@ -168,7 +168,7 @@ impl ClassOutcome {
             ("adapted", Some(self.adapted)),
             ("oracle (given the damage code at once)", self.oracle),
             ("no adaptation (code of a healthy robot)", Some(self.no_adaptation)),
-            ("PPO-Unaware", self.unaware),
+            ("policy without damage code", self.unaware),
         ];
         let rewards = rewards.into_iter().filter_map(|(name, reward)| {
             reward.map(|reward| {

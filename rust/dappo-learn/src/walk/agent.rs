@@ -23,6 +23,16 @@ pub trait MeanActions {
     fn mean_actions(&self, obs: &[f32], state: &mut PolicyState) -> Result<Vec<f32>>;
 }
 
+impl<T: MeanActions + ?Sized> MeanActions for &T {
+    fn initial_state(&self, robots: usize) -> PolicyState {
+        (**self).initial_state(robots)
+    }
+
+    fn mean_actions(&self, obs: &[f32], state: &mut PolicyState) -> Result<Vec<f32>> {
+        (**self).mean_actions(obs, state)
+    }
+}
+
 impl MeanActions for Policy {
     fn initial_state(&self, robots: usize) -> PolicyState {
         self.initial_state(robots)

@@ -8,9 +8,8 @@ use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::files::write_given;
 use dappo_learn::run_folder::RunFolder;
-use dappo_learn::walk::{Kept, KnownClasses, Trial, onset_at};
-use dappo_learn::{LearnError, Result, RunPolicy};
-use dappo_nn::Policy;
+use dappo_learn::walk::{Kept, KnownClasses, MeanActions, Trial, onset_at};
+use dappo_learn::{LearnError, Result, RunPolicy, Sizes};
 use pyo3::prelude::*;
 use serde_json::json;
 
@@ -19,6 +18,7 @@ use super::film::{self, Film, Walker};
 use super::{Caller, INTERRUPTED, console, settings};
 use crate::errors::{Kind, OrRaise, raise};
 use crate::factory::TableFactory;
+use crate::outside_policy::OutsidePolicy;
 use crate::pool::Pool;
 use crate::run_robot::OpenRun;
 
@@ -27,7 +27,7 @@ struct Scene {
     folder: RunFolder,
     config: Config,
     parts: Parts,
-    /// The run of `--unaware`.
+    /// What else walks.
     unaware: Option<Unaware>,
     /// Compiles the twins, with the damage classes of the controller.
     known: TableFactory,
@@ -37,10 +37,18 @@ struct Scene {
     classes: KnownClasses,
 }
 
-/// A run whose policy observes no damage code, and the robot as it observes it.
+/// A policy that observes no damage code, and the robot as it observes it.
 struct Unaware {
-    run: OpenRun,
+    walker: UnawareWalker,
     real: TableFactory,
+}
+
+/// Where it comes from.
+enum UnawareWalker {
+    /// The run of `--unaware`.
+    Run(OpenRun),
+    /// The function of `--act`.
+    Outside(OutsidePolicy),
 }
 
 pub fn run(py: Python<'_>, arguments: &AdaptArgs, caller: &Caller) -> PyResult<i32> {
@@ -84,15 +92,19 @@ fn trial_json(trial: &Trial) -> serde_json::Value {
 }
 
 impl Unaware {
-    fn policy(&self) -> Result<Policy> {
-        let Self { run, real } = self;
+    /// The policy, at the start of its episodes.
+    fn policy(&self) -> Result<Box<dyn MeanActions + Sync + '_>> {
+        let run = match &self.walker {
+            UnawareWalker::Run(run) => run,
+            UnawareWalker::Outside(policy) => return Ok(Box::new(policy)),
+        };
         if run.config.env.observe_damage {
             return Err(LearnError::Invalid(format!(
                 "the policy in {} observes the damage; --unaware takes one that was trained with --unaware",
                 run.folder.root().display()
             )));
         }
-        Ok(RunPolicy::newest(&run.folder, &run.config, real)?.policy)
+        Ok(Box::new(RunPolicy::newest(&run.folder, &run.config, &self.real)?.policy))
     }
 }
 
@@ -112,12 +124,23 @@ impl Scene {
             let message = format!("--set makes the robot `{real}`, but the policy controls `{known}`");
             return Err(raise(Kind::Config, message));
         }
-        let unaware = other.map(|run| {
-            let mut config = config.clone();
-            config.env.history = run.config.env.history;
-            Ok::<_, PyErr>(Unaware { run, real: TableFactory::compile(py, &config)? })
-        });
-        let unaware = unaware.transpose()?;
+        let unaware = match (other, &arguments.act) {
+            (Some(run), _) => {
+                let mut config = config.clone();
+                config.env.history = run.config.env.history;
+                let real = TableFactory::compile(py, &config)?;
+                Some(Unaware { walker: UnawareWalker::Run(run), real })
+            }
+            (None, Some(function)) => {
+                let real = TableFactory::compile(py, &config)?;
+                let sizes = real.sizes(&config).or_raise()?;
+                let sizes = Sizes { obs_dim: sizes.obs_dim - sizes.code_length, code_length: 0, ..sizes };
+                let policy = OutsidePolicy::new(py, function, sizes)?;
+                policy.reset(py)?;
+                Some(Unaware { walker: UnawareWalker::Outside(policy), real })
+            }
+            (None, None) => None,
+        };
         let classes = KnownClasses::new(known.space(), real.space());
         Ok(Self { folder, config, parts, unaware, known, real, classes })
     }
@@ -153,8 +176,8 @@ impl Scene {
         let robots = trial.classes.len() * trial.episodes;
         let mut controller = self.parts.assemble(&self.folder, &self.config, &self.known, wanted, robots)?;
         let policy = self.unaware.as_ref().map(Unaware::policy).transpose()?;
-        let unaware: Option<(&Policy, &dyn EnvFactory)> =
-            policy.as_ref().zip(self.unaware.as_ref().map(|unaware| &unaware.real as _));
+        let unaware = policy.as_deref().zip(self.unaware.as_ref());
+        let unaware = unaware.map(|(policy, unaware)| (policy as &dyn MeanActions, &unaware.real as _));
         let stop = || interrupted.load(Ordering::Relaxed);
         let real: (&Config, &dyn EnvFactory) = (&self.config, &self.real);
         Contest::run(trial, &mut controller, unaware, &self.classes, real, &stop)

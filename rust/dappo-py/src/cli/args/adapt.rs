@@ -6,6 +6,7 @@ use dappo_learn::config::Assignment;
 
 use super::{AtLeast, ControllerArgs, Count, RobotArgs, SimulationArgs};
 use crate::keywords::arguments;
+use crate::outside_policy::Function;
 
 arguments! {
     /// Arguments of `adapt`.
@@ -19,6 +20,9 @@ arguments! {
         /// Run folder of a policy that was trained with --unaware, to compare with
         #[arg(long, value_name = "RUN")]
         pub unaware: Option<PathBuf>,
+        /// Python function in the place of such a policy, which chooses the actions of all robots from their observations
+        #[arg(long, value_name = "MODULE:FUNCTION", conflicts_with = "unaware")]
+        pub act: Option<Function>,
         /// The damage that strikes: a name or an id that `dappo-batch classes` lists
         #[arg(long, value_name = "SPEC", required_unless_present = "all_classes")]
         pub damage: Option<String>,
