@@ -46,7 +46,7 @@ struct Unaware {
 /// Where it comes from.
 enum UnawareWalker {
     /// The run of `--unaware`.
-    Run(OpenRun),
+    Run(Box<OpenRun>),
     /// The function of `--act`.
     Outside(OutsidePolicy),
 }
@@ -129,7 +129,7 @@ impl Scene {
                 let mut config = config.clone();
                 config.env.history = run.config.env.history;
                 let real = TableFactory::compile(py, &config)?;
-                Some(Unaware { walker: UnawareWalker::Run(run), real })
+                Some(Unaware { walker: UnawareWalker::Run(Box::new(run)), real })
             }
             (None, Some(function)) => {
                 let real = TableFactory::compile(py, &config)?;
