@@ -29,8 +29,9 @@ pub fn check_training(
     let networks =
         network(config, inputs, sizes.action_dim).and(network(config, inputs, 1)).and(memory(config, sizes));
     let training = of_envs(envs, layout, sizes.obs_dim).and(rollout).and(networks);
+    let lstm = config.ppo.lstm.map_or_else(String::new, |units| format!(" behind an LSTM of {units} units"));
     training.require(&format!(
-        "a training with {envs} envs, a horizon of {} and hidden layers {:?}",
+        "a training with {envs} envs, a horizon of {} and hidden layers {:?}{lstm}",
         config.horizon, config.ppo.hidden
     ))?;
     let episodes = config.evaluation.episodes;
