@@ -17,7 +17,7 @@ from dappo_batch.runs.tables import Table
 
 __all__ = ["kept", "shares", "walks"]
 
-_COLUMNS = {"adapted": "with adaptation", "no_adaptation": "without adaptation", "unaware": "PPO-Unaware"}
+_COLUMNS = {"adapted": "with adaptation", "no_adaptation": "without adaptation", "unaware": "without code"}
 _SMOOTH = 25  # steps that a speed is averaged over: about a stride
 _EVENTS: dict[str, tuple[str, Dash]] = {
     "suspected": ("damage suspected", ":"),

@@ -58,7 +58,7 @@ pub struct ClassOutcome {
     pub oracle: Option<f64>,
     /// Score of the policy with the code of a healthy robot.
     pub no_adaptation: f64,
-    /// Score of PPO-Unaware, if there is one.
+    /// Score of the policy without damage code, if there is one.
     pub unaware: Option<f64>,
 }
 

@@ -42,7 +42,7 @@ pub struct AdaptationSummary {
     pub adapted_share: Option<f64>,
     /// The same of the policy with the code of a healthy robot.
     pub no_adaptation_share: Option<f64>,
-    /// The same of PPO-Unaware.
+    /// The same of the policy without damage code.
     pub unaware_share: Option<f64>,
     /// How long the controller took for its decisions.
     pub decision_ms: DecisionTime,

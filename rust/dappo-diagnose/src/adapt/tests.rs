@@ -206,7 +206,7 @@ fn all_agents_of_a_contest_walk_the_same_episodes() {
     let contest = run(&factory, Some(&unaware), &|| false).unwrap();
     let starts = env_keys(SEED, EPISODES);
     assert_ne!(starts[0], starts[1]);
-    // The controller, the oracle, the policy without adaptation and PPO-Unaware, each with every start in every class.
+    // The controller, the oracle, the policy without adaptation and one without damage code, each with every start in every class.
     assert_eq!(factory.made.into_inner(), vec![(starts.repeat(CLASSES.len()), COURSE); 4]);
     for walks in [&contest.adapted, &contest.oracle, &contest.no_adaptation, &contest.unaware.unwrap()] {
         let damage: Vec<_> = walks.episodes.iter().map(|episode| (episode.class, episode.onset)).collect();

@@ -63,7 +63,7 @@ impl AdaptationSummary {
             "adapted",
             "oracle",
             "no adaptation",
-            "PPO-Unaware",
+            "without code",
         ];
         let reward = |reward: Option<f64>| reward.map_or_else(String::new, |reward| format!("{reward:.1}"));
         let rows = self.classes.iter().map(|c| {

@@ -155,7 +155,7 @@ fn a_single_damage_class_shows_the_events_of_its_first_episode_and_its_numbers()
               1500.0     75.0 m  adapted\n      \
               2000.0    100.0 m  oracle (given the damage code at once)\n      \
               2000.0    100.0 m  no adaptation (code of a healthy robot)\n      \
-              -100.0     -5.0 m  PPO-Unaware\n";
+              -100.0     -5.0 m  policy without damage code\n";
     assert_eq!(text(vec![jammed()], events), [expected, TIME].concat());
 }
 
@@ -198,11 +198,11 @@ fn several_classes_show_two_tables_and_their_means() {
         jammed@0          25 %      75 %           12                     50 %                     75 %\n\
         weak@0            25 %      75 %           12                     50 %                     75 %\n\
         damage    recovered  stood still  fell  kept m/s  of before  of oracle  adapted  oracle  no adaptation  \
-        PPO-Unaware\n\
+        without code\n\
         healthy           –          0 %   0 %      1.50     75.0 %     75.0 %   1500.0  2000.0         2000.0\n\
-        jammed@0       25 %         50 %  25 %      1.50     75.0 %     75.0 %   1500.0  2000.0         2000.0       \
+        jammed@0       25 %         50 %  25 %      1.50     75.0 %     75.0 %   1500.0  2000.0         2000.0        \
              -100.0\n\
-        weak@0            –         50 %  25 %      1.50          –          –   1500.0                 2000.0       \
+        weak@0            –         50 %  25 %      1.50          –          –   1500.0                 2000.0        \
              -100.0\n\
         healthy episodes without a false alarm: 75.0 %\n\
         episodes left out, which ended before the damage: 2\n\
@@ -211,7 +211,7 @@ fn several_classes_show_two_tables_and_their_means() {
         speed over the last 200 steps: 90.0 % of the oracle's, 45.0 % of that before the damage\n\
         episodes with damage: recovered 12.5 %, stood still at the end 0.0 %, fell 20.0 %\n\
         forward reward after the damage, as a share of the oracle's: adapted 80.0 %, no adaptation 30.0 %, \
-        PPO-Unaware -10.0 %\n";
+        without damage code -10.0 %\n";
     assert_eq!(text(vec![healthy(), jammed(), unknown()], Vec::new()), [expected, TIME].concat());
 }
 
