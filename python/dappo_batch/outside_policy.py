@@ -1,4 +1,4 @@
-"""Policies of other learners, as Python functions, for evaluations."""
+"""Policies of other learners, as Python functions."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class OutsidePolicy:
 
     def __init__(self, act: Act | str, action_dim: int) -> None:
         if isinstance(act, str):
-            self.name, self._act = act, import_function(act, "an evaluation")
+            self.name, self._act = act, import_function(act, "act")
         elif callable(act):
             name = str(getattr(act, "__qualname__", type(act).__qualname__))
             self.name, self._act = name.rpartition("<locals>.")[2], act

@@ -226,6 +226,48 @@ def test_bad_input_is_rejected_before_anything_is_written(expert: Path, tmp_path
     assert not out.exists()
 
 
+@pytest.mark.parametrize("preset", ["paper", "residual", "observation"])
+def test_a_function_that_acts_as_the_policy_of_a_run_collects_the_same_records(
+    preset: str, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+) -> None:
+    aware = tmp_path_factory.getbasetemp() / "aware_of_functions"
+    if not aware.exists():
+        dappo_batch("train", *TINY, "--steps", str(ITERATION), "--run", aware)
+    policy = package.Policy.load(aware)
+    assert policy.observes_damage
+    own, other = tmp_path / "own", tmp_path / "other"
+    options: dict[str, Any] = {"preset": preset, "rollouts": 2, "timesteps": STEPS, "seed": 3, "threads": 1}
+    package.collect_pairs(aware, own, **options)
+    widths = set()
+
+    def act(obs: NDArray[np.float32]) -> NDArray[np.float32]:
+        widths.add(obs.shape[1])
+        return policy.act(obs)
+
+    package.collect_pairs(aware, other, act=act, **options)
+    assert widths == {policy.obs_dim + policy.code_length}
+    assert records(other).tobytes() == records(own).tobytes()
+    header = json.loads((other / "dataset.json").read_text())
+    assert header["expert"] == header["policy"] == {"run": "act", "fingerprint": "act", "env_steps": 0}
+    # Records of one policy do not get into those of another.
+    for another in (None, policy.act):
+        with pytest.raises(package.CheckpointError, match="records with `expert`"):
+            package.collect_pairs(aware, other, act=another, **options)
+
+
+def test_functions_that_are_no_policies_collect_nothing(expert: Path, tmp_path: Path) -> None:
+    out = tmp_path / "pairs"
+    options: dict[str, Any] = {"preset": "paper", "rollouts": 2, "timesteps": STEPS}
+    for act, message in (
+        (lambda obs: obs[:, :3], "expected numbers of shape"),
+        ("json:nothing", "the module 'json' has no function 'nothing', which act needs"),
+        (3, "act must be a function"),
+    ):
+        with pytest.raises(package.ConfigError, match=message):
+            package.collect_pairs(expert, out, act=act, **options)
+    assert not any(len(np.load(path)) for path in out.glob("*.npy"))
+
+
 def test_a_folder_of_other_records_is_left_alone(expert: Path, tmp_path: Path, collected: Collected) -> None:
     before = files(collected["paper"])
     for flags, name in ((("--preset", "runtime", "--backend", "mujoco"), "timing"), ((), "backend")):

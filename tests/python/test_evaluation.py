@@ -520,7 +520,7 @@ def test_functions_that_are_no_policies_are_rejected(runs: Path, tmp_path: Path)
         (fail, ["the policy raised ZeroDivisionError: of a peer", "in fail"]),
         (3, ['act must be a function or "module:function", got 3']),
         ("nowhere:act", ["cannot import the module 'nowhere'"]),
-        ("json:nothing", ["the module 'json' has no function 'nothing', which an evaluation needs"]),
+        ("json:nothing", ["the module 'json' has no function 'nothing', which act needs"]),
         ("json", ["needs a function as \"module:function\", got 'json'"]),
     ]
     for act, parts in cases:

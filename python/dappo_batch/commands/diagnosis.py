@@ -10,6 +10,7 @@ from dappo_batch._checks import folder
 from dappo_batch._core import ConfigError
 from dappo_batch.commands.invoke import invoke
 from dappo_batch.commands.options import Callback, Folder, RobotChanged, Simulation
+from dappo_batch.outside_policy import Act
 from dappo_batch.results import DiagnoserReport, EpochMetrics
 
 __all__ = ["collect_pairs", "evaluate_diagnoser", "train_diagnoser"]
@@ -21,6 +22,7 @@ def collect_pairs(
     *,
     rollouts: int,
     timesteps: int,
+    act: Act | str | None = None,
     preset: str | None = None,
     policy: Folder | None = None,
     seed: int = 0,
@@ -40,6 +42,10 @@ def collect_pairs(
         Number of rollouts, each with its own initial state and all damage classes.
     timesteps
         Recorded steps of a rollout.
+    act
+        A function in the place of the expert, or its ``"module:function"``: a policy of another learner. It
+        gets raw observations, float32 [N, O], those that the policy of `expert` gets, and returns actions,
+        [N, A], which must depend on these observations alone.
     preset
         ``paper``, ``runtime``, ``residual`` or ``observation``: onset of the damage, and kind of twin, none
         with ``observation``. By default ``residual``, or ``observation`` for a robot that does not observe
@@ -67,6 +73,7 @@ def collect_pairs(
         "out": target,
         "rollouts": rollouts,
         "timesteps": timesteps,
+        "act": act,
         "preset": preset,
         "policy": policy,
         "seed": seed,

@@ -1,4 +1,4 @@
-//! Policies of other learners: Python functions (`outside_policy.py`) that choose the actions of an evaluation.
+//! Policies of other learners: Python functions (`outside_policy.py`) that choose actions.
 
 use std::convert::Infallible;
 use std::str::FromStr;

@@ -1,14 +1,12 @@
 //! Simulating robots without twins: the windows that a controller without a twin diagnoses.
 
-use dappo_learn::RunPolicy;
 use dappo_learn::error::Result;
 use dappo_learn::fleet::Fleet;
-use dappo_nn::Policy;
 use dappo_sim::DamageSpace;
 use dappo_sim::backend::{Backend, Reset};
 use dappo_sim::rng::{Purpose, Stream};
 
-use super::{CollectConfig, Recorder};
+use super::{ActingPolicy, CollectConfig, Recorder};
 use crate::Timing;
 use crate::dataset::Record;
 
@@ -18,7 +16,7 @@ use crate::dataset::Record;
 /// the code of an [`assumed`] class: the diagnoser learns the windows of a robot before its diagnosis, after a correct and
 /// after a wrong one.
 pub(super) struct Alone<'a> {
-    policy: &'a Policy,
+    policy: &'a ActingPolicy<'a>,
     /// The code of every class, or none if the policy observes no damage.
     codes: Vec<Vec<f32>>,
     timing: Timing,
@@ -67,10 +65,9 @@ impl<'a> Alone<'a> {
     pub fn new(
         config: &CollectConfig,
         space: &DamageSpace,
-        policy: &'a RunPolicy,
+        policy: &'a ActingPolicy<'a>,
         robots: Box<dyn Backend>,
     ) -> Self {
-        let policy = &policy.policy;
         let (limbs, types) = (space.limbs(), space.types().len());
         let observed = space.classes().iter().filter(|_| policy.code_length() > 0);
         Self {
@@ -103,20 +100,21 @@ impl<'a> Alone<'a> {
     /// The actions of all robots before step `step`.
     fn actions(&self, plans: &[Plan], step: usize) -> Result<Vec<f32>> {
         if self.codes.is_empty() {
-            return Ok(self.policy.mean_actions(&self.robots.obs)?);
+            return self.policy.actions(&self.robots.obs);
         }
         let mut rows = Vec::with_capacity(self.robots.obs.len() + plans.len() * self.codes[0].len());
         for (env, plan) in plans.iter().enumerate() {
             rows.extend_from_slice(self.robots.row(env));
             rows.extend_from_slice(&self.codes[if step < plan.change { 0 } else { plan.assumed }]);
         }
-        Ok(self.policy.mean_actions(&rows)?)
+        self.policy.actions(&rows)
     }
 
     /// The window of every robot ends as planned, or when it falls after the damage: no controller diagnoses a robot that
     /// lies on the ground.
     fn walk(&mut self, keys: &[u64], plans: &mut [Plan], fallen: &mut [bool]) -> Result<[History; 2]> {
-        let (width, action_dim) = (self.robots.backend().task().obs_dim(), self.policy.action_dim());
+        let task = self.robots.backend().task();
+        let (width, action_dim) = (task.obs_dim(), task.layout().nu);
         let mut obs = History::new(plans.len(), self.timesteps, width);
         let mut acted = History::new(plans.len(), self.timesteps, action_dim);
         let class_at_start = |plan: &Plan| if plan.onset == 0 { plan.class } else { 0 };

@@ -1,12 +1,12 @@
 //! Collecting pairs: Algorithm 1 of Verma et al. (2019), all damage classes of several rollouts at once; and robots without
 //! twins.
 
+mod acting;
 mod alone;
 mod pairs;
 
 use std::path::Path;
 
-use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::{LearnError, Result};
 use dappo_learn::faults::Faults;
@@ -15,8 +15,9 @@ use dappo_sim::memory::Bytes;
 use dappo_sim::rng::env_keys;
 use dappo_sim::{Backend, Severity};
 
-use super::dataset::{DatasetHeader, Part, PolicyId, Record, Shard, check_piece};
+use super::dataset::{DatasetHeader, Part, Record, Shard, check_piece};
 use super::{Protocol, Subject, Timing};
+pub use acting::ActingPolicy;
 use alone::Alone;
 use pairs::Pairs;
 
@@ -80,8 +81,8 @@ trait Recorder: Send {
 fn header(
     config: &CollectConfig,
     factory: &dyn EnvFactory,
-    expert: &RunPolicy,
-    policy: Option<&RunPolicy>,
+    expert: &ActingPolicy<'_>,
+    policy: Option<&ActingPolicy<'_>>,
     backend: &dyn Backend,
 ) -> DatasetHeader {
     let task = backend.task();
@@ -95,8 +96,8 @@ fn header(
         action_dim: task.layout().nu,
         timing: config.protocol.timing,
         twin: config.protocol.twin,
-        expert: PolicyId::of(expert),
-        policy: PolicyId::of(policy.unwrap_or(expert)),
+        expert: expert.id().clone(),
+        policy: policy.unwrap_or(expert).id().clone(),
         backend: backend.physics().backend().into(),
         precision: backend.physics().precision().into(),
     }
@@ -105,7 +106,11 @@ fn header(
 /// Fails if a collection cannot be made: for settings outside their range, and if it needs twins that start mid-episode but
 /// the observation does not determine the state. [`collect`] checks the same; a caller that writes files before it
 /// checks first.
-pub fn check(config: &CollectConfig, factory: &dyn EnvFactory, policy: Option<&RunPolicy>) -> Result<()> {
+pub fn check(
+    config: &CollectConfig,
+    factory: &dyn EnvFactory,
+    policy: Option<&ActingPolicy<'_>>,
+) -> Result<()> {
     config.check()?;
     if config.protocol.twin.is_none() && policy.is_some() {
         return Err(LearnError::Invalid(
@@ -126,8 +131,8 @@ pub fn check(config: &CollectConfig, factory: &dyn EnvFactory, policy: Option<&R
 pub fn collect(
     config: &CollectConfig,
     factory: &dyn EnvFactory,
-    expert: &RunPolicy,
-    policy: Option<&RunPolicy>,
+    expert: &ActingPolicy<'_>,
+    policy: Option<&ActingPolicy<'_>>,
     folder: &Path,
     observer: &mut dyn CollectObserver,
 ) -> Result<Collected> {
@@ -174,21 +179,14 @@ pub fn collect(
 fn recorder<'a>(
     config: &CollectConfig,
     factory: &dyn EnvFactory,
-    expert: &'a RunPolicy,
-    policy: Option<&'a RunPolicy>,
+    expert: &'a ActingPolicy<'a>,
+    policy: Option<&'a ActingPolicy<'a>>,
     block: usize,
 ) -> Result<Box<dyn Recorder + 'a>> {
     let robots =
         factory.backend(block * factory.space().classes().len(), None, factory.evaluation_physics())?;
     for one in [expert, policy.unwrap_or(expert)] {
-        let (got, expected) = (one.policy.obs_dim(), robots.task().obs_dim());
-        if got != expected {
-            return Err(LearnError::Invalid(format!(
-                "the policy in {} observes {got} numbers, expected {expected} of robot `{}`",
-                one.run,
-                factory.robot().name
-            )));
-        }
+        one.check(&factory.robot().name, robots.task().obs_dim())?;
     }
     Ok(match config.protocol.twin {
         Some(twin) => {

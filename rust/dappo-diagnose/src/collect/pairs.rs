@@ -1,20 +1,18 @@
 //! Simulating the pairs of several rollouts at once.
 
-use dappo_learn::RunPolicy;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::error::Result;
 use dappo_learn::fleet::Fleet;
-use dappo_nn::Policy;
 use dappo_sim::backend::{Backend, Reset};
 
-use super::{CollectConfig, Recorder};
+use super::{ActingPolicy, CollectConfig, Recorder};
 use crate::dataset::Record;
 use crate::{Timing, Twin, TwinAction};
 
 /// The robots of `block` rollouts, one for each damage class, and their twins.
 pub(super) struct Pairs<'a> {
-    expert: &'a Policy,
-    policy: &'a Policy,
+    expert: &'a ActingPolicy<'a>,
+    policy: &'a ActingPolicy<'a>,
     timing: Timing,
     twin: Twin,
     timesteps: usize,
@@ -30,14 +28,14 @@ impl<'a> Pairs<'a> {
         config: &CollectConfig,
         twin: Twin,
         factory: &dyn EnvFactory,
-        [expert, policy]: [&'a RunPolicy; 2],
+        [expert, policy]: [&'a ActingPolicy<'a>; 2],
         robots: Box<dyn Backend>,
     ) -> Result<Self> {
         let envs = robots.num_envs();
         let twins = || factory.backend(envs, None, factory.evaluation_physics()).map(Fleet::new);
         Ok(Self {
-            expert: &expert.policy,
-            policy: &policy.policy,
+            expert,
+            policy,
             timing: config.protocol.timing,
             twin,
             timesteps: config.timesteps,

@@ -20,11 +20,11 @@ const LARGEST_RECORD: u64 = 1 << 32;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PolicyId {
-    /// Its run folder.
+    /// Its run folder, or the name of a policy of another learner.
     pub run: String,
-    /// CRC-32 of its checkpoint's manifest, which lists the CRC-32 of every file.
+    /// CRC-32 of its checkpoint's manifest, which lists the CRC-32 of every file, or that name again.
     pub fingerprint: String,
-    /// Env steps that it was trained for.
+    /// Env steps that it was trained for; 0 if they are unknown.
     pub env_steps: u64,
 }
 

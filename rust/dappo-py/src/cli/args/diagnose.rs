@@ -8,6 +8,7 @@ use dappo_learn::config::Assignment;
 
 use super::{AtLeast, Count, OneOf, RobotArgs, SimulationArgs, Threads, Whole};
 use crate::keywords::arguments;
+use crate::outside_policy::Function;
 
 /// Arguments of `diagnose`.
 #[derive(Debug, Args)]
@@ -38,6 +39,10 @@ arguments! {
         /// adapted. For the paper's Table 1: an expert, trained with `train --healthy`
         #[arg(value_name = "RUN")]
         pub expert: PathBuf,
+        /// Python function that chooses the actions in the place of the policy of RUN: a policy of another learner,
+        /// whose actions depend on the current observations alone
+        #[arg(long, value_name = "MODULE:FUNCTION")]
+        pub act: Option<Function>,
         /// Folder of the dataset; one that holds rollouts of the same kind is continued
         #[arg(long, value_name = "DATA")]
         pub out: PathBuf,

@@ -4,11 +4,13 @@ use std::path::Path;
 use std::time::Instant;
 
 use dappo_diagnose::Preset;
-use dappo_diagnose::collect::{CollectConfig, CollectObserver, check, collect};
+use dappo_diagnose::collect::{ActingPolicy, CollectConfig, CollectObserver, check, collect};
 use dappo_diagnose::dataset::{DatasetHeader, Shard};
+use dappo_learn::config::Config;
 use dappo_learn::envs::EnvFactory;
 use dappo_learn::fleet::Fleet;
 use dappo_learn::robot_files::keep_first;
+use dappo_learn::run_folder::RunFolder;
 use dappo_learn::{FileKind, LearnError, Result, RunPolicy};
 use dappo_sim::Severity;
 use pyo3::prelude::*;
@@ -20,8 +22,15 @@ use crate::cli::progress::Watch;
 use crate::cli::{Caller, INTERRUPTED, settings};
 use crate::errors::OrRaise;
 use crate::factory::TableFactory;
+use crate::outside_policy::OutsidePolicy;
 use crate::pool::Pool;
 use crate::run_robot::{OpenRun, RobotCopy};
+
+/// What acts while robots are recorded.
+enum Expert {
+    Run(Box<RunPolicy>),
+    Outside(OutsidePolicy),
+}
 
 pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult<i32> {
     let run = OpenRun::open(py, &arguments.expert, arguments.robot.robot_changed)?;
@@ -38,13 +47,19 @@ pub fn run(py: Python<'_>, arguments: &CollectArgs, caller: &Caller) -> PyResult
         None => preset_for(&factory, arguments.json).or_raise()?,
     };
     let wanted = arguments.collection(preset, config.damage.severity).or_raise()?;
-    let (expert, policy) = pool.run(py, || -> Result<_> {
-        let expert = RunPolicy::stateless(&folder, &config, &factory)?;
-        let policy =
-            policy.map(|run| RunPolicy::stateless(&run.folder, &run.config, &factory)).transpose()?;
-        check(&wanted, &factory, policy.as_ref())?;
-        Ok((expert, policy))
-    })?;
+    let sizes = factory.sizes(&config).or_raise()?;
+    let of_run = |folder: &RunFolder, config: &Config| RunPolicy::stateless(folder, config, &factory);
+    let expert = match &arguments.act {
+        Some(function) => Expert::Outside(OutsidePolicy::new(py, function, sizes)?),
+        None => Expert::Run(Box::new(pool.run(py, || of_run(&folder, &config))?)),
+    };
+    let expert = match &expert {
+        Expert::Outside(policy) => ActingPolicy::of_other(policy, policy.name(), sizes),
+        Expert::Run(policy) => ActingPolicy::of_run(policy),
+    };
+    let policy = policy.map(|run| pool.run(py, || of_run(&run.folder, &run.config))).transpose()?;
+    let policy = policy.as_ref().map(ActingPolicy::of_run);
+    pool.run(py, || check(&wanted, &factory, policy.as_ref()))?;
     keep_robot(py, &arguments.out, (folder.root(), &robot))?;
     if !arguments.json {
         note!("{}", describe(arguments, &wanted, &factory));
