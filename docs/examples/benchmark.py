@@ -13,7 +13,12 @@ import dappo_batch
 from dappo_batch import report
 from dappo_batch.model.symmetry import mirror_images
 
-LEARNERS = {"da_ppo": {}, "unaware": {"unaware": True}, "history": {"unaware": True, "history": 8}}
+LEARNERS = {
+    "da_ppo": {},
+    "unaware": {"unaware": True},
+    "history": {"unaware": True, "history": 8},
+    "recurrent": {"unaware": True, "ppo.lstm": 64},
+}
 OTHER_DAMAGE = {
     "half as severe": {"damage.severity": 0.5},
     "in mid-episode": {"damage.onset": {"first": 100, "last": 300}},

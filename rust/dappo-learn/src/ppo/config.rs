@@ -125,8 +125,8 @@ impl PpoConfig {
     /// `batch` differs in optimisation, in the scale of the damage code, and in the networks, which are smaller and have
     /// the symmetry of the robot. Where simulation is cheap, fewer passes over more samples learn sooner; a batch from
     /// many environments is less correlated than one from a few and allows larger steps and a KL target three times the
-    /// paper's, and rates that fall refine the gait at the end. A larger damage code is heeded sooner: at 1, the policy
-    /// walked almost as well with the code of no damage (`docs/results/presets.md`).
+    /// paper's. A larger damage code is heeded sooner: at 1, the policy walked almost as well with the code of no damage
+    /// (`docs/results/presets.md`).
     pub fn preset(name: &str) -> Result<Self> {
         match name {
             "paper" => Ok(Self::default()),
@@ -139,7 +139,6 @@ impl PpoConfig {
                 // Already large: a run whose factor rose to 10 unlearned walking (docs/results/healthy_ant.md).
                 max_lr_factor: 1.0,
                 value_epochs: 1,
-                schedule: Schedule::Linear,
                 symmetry: Symmetry::Auto,
                 ..Self::default()
             }),
