@@ -219,8 +219,11 @@ def test_what_the_code_makes_possible_is_off_without_it(
     assert damage("--unaware", "--set", "damage.min_class_steps=7")["min_class_steps"] == 7
 
 
-def test_the_hexapod_learns_in_the_four_stages_of_the_paper(capfd: pytest.CaptureFixture[str]) -> None:
-    stages = config(capfd, "--robot", "hexapod")["curriculum"]
+def test_a_configuration_of_the_hexapod_has_the_four_stages_of_the_paper(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    path = Path(__file__).parents[2] / "configs" / "hexapod_curriculum.toml"
+    stages = config(capfd, "--config", str(path))["curriculum"]
     assert isinstance(stages, list)
     # Verma et al. (2019): healthy; 60/40; 70 % healthy and single (42 + 28, our split) and 30 %; all classes.
     strata = ("healthy", "single", "multiple")

@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn the_resolved_configuration_reads_back_as_itself() {
         let ant = include_str!("../../../../configs/ant.toml");
-        let hexapod = include_str!("../../../../configs/hexapod.toml");
+        let hexapod = include_str!("../../../../configs/hexapod_curriculum.toml");
         for text in [ant, hexapod, ""] {
             let config = toy(text).resolve().unwrap();
             let mut again = Layers::default();
