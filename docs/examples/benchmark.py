@@ -19,13 +19,11 @@ LEARNERS = {
     "history": {"unaware": True, "history": 8},
     "recurrent": {"unaware": True, "ppo.lstm": 64},
 }
+MID_EPISODE = {"damage.onset": {"first": 100, "last": 300}}
 OTHER_DAMAGE = {
     "half as severe": {"damage.severity": 0.5},
-    "in mid-episode": {"damage.onset": {"first": 100, "last": 300}},
-    "code 25 steps late": {
-        "damage.onset": {"first": 100, "last": 300},
-        "damage.code_delay": {"first": 25, "last": 25},
-    },
+    "in mid-episode": MID_EPISODE,
+    "code 25 steps late": MID_EPISODE | {"damage.code_delay": {"first": 25, "last": 25}},
 }
 
 
