@@ -46,12 +46,9 @@ def main(folder: Path, robot: str, steps: int, seeds: int) -> None:
             reached = [run.groups[-1].tracking or run.groups[-1].forward_reward for run in found]
             print(f"damage {damage}, {name}: {', '.join(f'{value:.1f}' for value in reached)}")
 
-    page, _ = report.write(
-        [folder / name for name in (*LEARNERS, "specialists")],
-        folder / "report.html",
-        csv=folder / "benchmark.csv",
-        title=f"Learners for a damaged {robot}",
-    )
+    runs = [folder / name for name in (*LEARNERS, "specialists")]
+    title = f"Learners for a damaged {robot}"
+    page, _ = report.write(runs, folder / "report.html", csv=folder / "benchmark.csv", title=title)
     print(page)
 
 
