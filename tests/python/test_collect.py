@@ -35,6 +35,14 @@ def expert(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
+@pytest.fixture(scope="module")
+def aware(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a policy that observes the damage code for a moment."""
+    run = tmp_path_factory.mktemp("aware") / "run"
+    dappo_batch("train", *TINY, "--steps", str(ITERATION), "--run", run)
+    return run
+
+
 def arguments(expert: Path, out: Path, *more: str, rollouts: int = 5) -> tuple[str | Path, ...]:
     sizes = ("--rollouts", str(rollouts), "--timesteps", str(STEPS), "--seed", "3")
     preset = () if "--preset" in more else ("--preset", "paper")
@@ -228,11 +236,8 @@ def test_bad_input_is_rejected_before_anything_is_written(expert: Path, tmp_path
 
 @pytest.mark.parametrize("preset", ["paper", "residual", "observation"])
 def test_a_function_that_acts_as_the_policy_of_a_run_collects_the_same_records(
-    preset: str, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+    preset: str, aware: Path, tmp_path: Path
 ) -> None:
-    aware = tmp_path_factory.getbasetemp() / "aware_of_functions"
-    if not aware.exists():
-        dappo_batch("train", *TINY, "--steps", str(ITERATION), "--run", aware)
     policy = package.Policy.load(aware)
     assert policy.observes_damage
     own, other = tmp_path / "own", tmp_path / "other"
